@@ -1,0 +1,79 @@
+"""Physical dimensions of units and of symbolic expressions, through pint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import sympy as sp
+
+from pfaffian.derive.quantity import unit_registry
+from pfaffian.runtime.errors import InputError
+
+#: Names in the order a person writes them, for units that pint reduced to base units.
+_SHORT = (("kilogram", "kg"), ("meter", "m"), ("second", "s"))
+
+
+def unit_product(*factors: tuple[str, int]) -> str:
+    """Return the product of units raised to powers, in base units, radians dropped.
+
+    `unit_product(("rad/s", 1), ("s", -1), ("N*m", -1))` is `1/(kg*m^2)`.
+    """
+    registry = unit_registry()
+    total = registry.Quantity(1, "")
+    for unit, power in factors:
+        total = total * registry.Quantity(1, registry.parse_units(unit)) ** power
+    base = dict(total.to_base_units().unit_items())
+    exponents = {short: round(base.get(name, 0)) for name, short in _SHORT}
+    above = [_power(s, e) for s, e in exponents.items() if e > 0]
+    below = [_power(s, -e) for s, e in exponents.items() if e < 0]
+    if not below:
+        return "*".join(above)
+    denominator = "*".join(below) if len(below) == 1 else f"({'*'.join(below)})"
+    return f"{'*'.join(above) or '1'}/{denominator}"
+
+
+def _power(name: str, exponent: int) -> str:
+    return name if exponent == 1 else f"{name}^{exponent}"
+
+
+def dimension_of(expression: sp.Basic, units: Mapping[str, str], where: str) -> Any:
+    """Return the pint dimensionality of `expression`, given the unit of each symbol.
+
+    Angles count as dimensionless. Raises `InputError` naming `where` for a sum of unlike
+    dimensions, a function of a dimensional argument or a symbol without a unit.
+    """
+    registry = unit_registry()
+    one = registry.Quantity(1, "").dimensionality
+    if expression.is_number:
+        return one
+    if expression.is_Symbol:
+        if expression.name not in units:
+            raise InputError(
+                f"{where}: symbol {expression.name} has no unit",
+                remedy="declare it as a parameter or coordinate with its unit",
+            )
+        return registry.parse_units(units[expression.name]).dimensionality
+    parts = [dimension_of(a, units, where) for a in expression.args]
+    if expression.is_Add:
+        for term, part in zip(expression.args, parts, strict=True):
+            if part != parts[0]:
+                raise InputError(
+                    f"{where}: {term} has dimension {part}, but {expression.args[0]} "
+                    f"has {parts[0]}",
+                    remedy="mend the units of the symbols in the two terms",
+                )
+        return parts[0]
+    if expression.is_Mul:
+        total = one
+        for part in parts:
+            total = total * part
+        return total
+    if expression.is_Pow:
+        return parts[0] ** float(expression.exp)
+    if any(part != one for part in parts):
+        raise InputError(
+            f"{where}: argument of {expression.func.__name__} in {expression} is not dimensionless",
+            remedy="divide the argument by a scale of its own dimension",
+        )
+    return one

@@ -1,0 +1,186 @@
+"""C99 emission: freestanding controller, continuous law, plant and parameter sets."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+
+from pfaffian.derive.elementary import render_context
+from pfaffian.derive.emit.emitter import Emission, fill, snake
+from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.program import Op, Program
+from pfaffian.runtime.manifest import ABI_VERSION, Structure
+
+_WIDTH = 100
+
+
+def c_literal(value: float) -> str:
+    """Return a C literal that reads back to the same bits."""
+    text = repr(value)
+    return text if any(c in text for c in ".en") else f"{text}.0"
+
+
+DIALECT = Dialect(
+    patterns={
+        Op.ABS: "pf_abs({0})", Op.SIGN: "pf_sign({0})", Op.MIN: "pf_min({0}, {1})",
+        Op.MAX: "pf_max({0}, {1})", Op.SQRT: "pf_sqrt({0})", Op.SIN: "pf_sin({0})",
+        Op.COS: "pf_cos({0})", Op.ATAN: "pf_atan({0})", Op.EXP: "pf_exp({0})",
+        Op.EXPM1: "pf_expm1({0})", Op.TANH: "pf_tanh({0})", Op.LESS: "({0} < {1})",
+        Op.LESS_EQUAL: "({0} <= {1})", Op.NOT: "(!{0})", Op.AND: "({0} && {1})",
+        Op.OR: "({0} || {1})", Op.SELECT: "({0} ? {1} : {2})",
+    },
+    literal=c_literal,
+    pairs_sine_and_cosine=True,
+)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A function body: lines that load inputs and compute, and the result expressions."""
+
+    lines: tuple[str, ...]
+    results: dict[str, str]
+
+
+def _wrap(line: str, indent: str = "    ") -> list[str]:
+    """Break a statement at spaces so that it fits the width; continuation lines are indented."""
+    return textwrap.wrap(
+        line, _WIDTH, initial_indent=indent, subsequent_indent=indent + "    ",
+        break_long_words=False, break_on_hyphens=False,
+    )
+
+
+def _statement_lines(statement: Statement) -> list[str]:
+    if statement.kind == "sincos":
+        sine, cosine = statement.name, statement.cosine
+        return [
+            f"    double {sine};", f"    double {cosine};",
+            f"    pf_sincos({statement.expression}, &{sine}, &{cosine});",
+        ]
+    kind = "int" if statement.kind == "truth" else "double"
+    code = f"const {kind} {statement.name} = {statement.expression};"
+    comment = f" /* {statement.comment} */" if statement.comment else ""
+    if len(code) + len(comment) + 4 <= _WIDTH:
+        return [f"    {code}{comment}"]
+    above = [f"    /* {statement.comment} */"] if statement.comment else []
+    return above + _wrap(code)
+
+
+def _body(program: Program, sources: dict[str, str]) -> Body:
+    """Return the body of `program`; `sources` maps each input group to its pointer."""
+    used = {a for i in program.instructions for a in i.args} | set(program.results)
+    lines = []
+    for index, signal in enumerate(program.inputs):
+        if index not in used:
+            continue
+        member = f"{sources[signal.group]}->{signal.name}"
+        value = f"(({member} != 0U) ? 1.0 : 0.0)" if signal.name == "engaged" else member
+        lines.append(f"    const double {signal.name} = {value};")
+    lines.append("")
+    statements, results = statements_of(program, DIALECT)
+    for statement in statements:
+        lines += _statement_lines(statement)
+    return Body(tuple(lines), results)
+
+
+def _member_lines(structure: Structure) -> list[str]:
+    lines = []
+    for f in structure.fields:
+        unit = f" [{f.unit}]" if f.unit else ""
+        lines.append(f"    {f.type} {f.name}; /* {f.description}{unit} */")
+    return lines
+
+
+def _set_contexts(emission: Emission, structure: Structure) -> list[dict[str, object]]:
+    units = {f.name: f.unit for f in structure.fields}
+    return [
+        {
+            "name": f"{emission.model.name}_params_{snake(s.name)}",
+            "title": s.title,
+            "source": textwrap.wrap(s.source, 90),
+            "members": [
+                {"name": n, "literal": c_literal(s.as_dict()[n]), "unit": units[n]}
+                for n in structure.names()
+            ],
+        }
+        for s in emission.sets
+    ]
+
+
+def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
+    """Return one C condition a parameter: within its declared bounds, false for NaN."""
+    declared = {p.name: p for p in model.parameters}
+    rows = []
+    for name in structure.names():
+        p = declared[name]
+        relation = ">" if p.lower_open else ">="
+        rows.append(
+            f"(params->{name} {relation} {c_literal(p.lower)}) && "
+            f"(params->{name} <= {c_literal(p.upper)})"
+        )
+    return rows
+
+
+def _domain(model: LoweredModel) -> list[str]:
+    """Return one C condition a measurement: within its domain, false for NaN."""
+    rows = []
+    for c in model.coordinates:
+        for name, bound in ((c.name, c.bound), (f"d{c.name}", c.rate_bound)):
+            limit = c_literal(bound)
+            rows.append(f"(input->{name} >= -{limit}) && (input->{name} <= {limit})")
+    return rows
+
+
+def emit_c(emission: Emission) -> dict[str, str]:
+    """Return the C files of `emission` by path."""
+    model = emission.model
+    structures = structures_of(model)
+    controller = {"input": "input", "state": "state", "prepared": "state", "parameter": "params"}
+    step = _body(model.program("step"), controller)
+    header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
+    plant = {"input": "state", "torque": "input", "parameter": "params"}
+    context: dict[str, object] = {
+        "header": header,
+        "abi": ABI_VERSION,
+        "model": model.name,
+        "guard": model.name.upper(),
+        "title": model.title,
+        "structures": {
+            role: {"name": s.name, "members": _member_lines(s), "names": s.names()}
+            for role, s in structures.items()
+        },
+        "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
+        "sets": _set_contexts(emission, structures["params"]),
+        "parameter_bounds": _bounds(model, structures["params"]),
+        "domain": _domain(model),
+        "actuators": [a.name for a in model.actuators],
+        "coordinates": [c.name for c in model.coordinates],
+        "step": step,
+        "checked": [
+            step.results[s.name] for s in model.program("step").outputs if s.group != "flag"
+        ],
+        "next_state": [
+            s.name for s in model.program("step").outputs if s.group == "next_state"
+        ],
+        "prepare": _body(model.program("prepare"), controller),
+        "continuous": _body(model.program("continuous"), controller),
+        "acceleration": _body(model.program("acceleration"), plant),
+        "energy": _body(model.program("energy"), plant),
+        "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
+    }
+    texts = {"pf_elementary.h", "pf_elementary.c"}
+    elementary = {"header": header, **render_context()}
+    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in sorted(texts)}
+    for template, path in (
+        ("pf_scalar.h", "pf_scalar.h"), ("pf_model.h", "pf_model.h"),
+        ("params.h", f"{model.name}_params.h"), ("params.c", f"{model.name}_params.c"),
+        ("controller.h", f"{model.name}.h"), ("controller.c", f"{model.name}.c"),
+        ("continuous.h", f"{model.name}_continuous.h"),
+        ("continuous.c", f"{model.name}_continuous.c"),
+        ("plant.h", f"{model.name}_plant.h"), ("plant.c", f"{model.name}_plant.c"),
+    ):
+        files[f"c/{path}"] = fill(f"c/{template}.j2", context)
+    return files
+

@@ -1,0 +1,93 @@
+"""NumPy emission: one module that imports NumPy alone, vectorised over leading axes."""
+
+from __future__ import annotations
+
+from pfaffian.derive.emit.emitter import Emission, fill, snake
+from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.program import Op, Program
+
+DIALECT = Dialect(
+    patterns={
+        Op.ABS: "np.abs({0})", Op.SIGN: "np.sign({0})", Op.MIN: "np.minimum({0}, {1})",
+        Op.MAX: "np.maximum({0}, {1})", Op.SQRT: "np.sqrt({0})", Op.SIN: "np.sin({0})",
+        Op.COS: "np.cos({0})", Op.ATAN: "np.arctan({0})", Op.EXP: "np.exp({0})",
+        Op.EXPM1: "np.expm1({0})", Op.TANH: "np.tanh({0})", Op.LESS: "({0} < {1})",
+        Op.LESS_EQUAL: "({0} <= {1})", Op.NOT: "np.logical_not({0})",
+        Op.AND: "np.logical_and({0}, {1})", Op.OR: "np.logical_or({0}, {1})",
+        Op.SELECT: "np.where({0}, {1}, {2})",
+    },
+    literal=repr,
+    pairs_sine_and_cosine=False,
+)
+
+
+def _line(statement: Statement) -> str:
+    comment = f"  # {statement.comment}" if statement.comment else ""
+    return f"{statement.name} = {statement.expression}{comment}"
+
+
+def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
+    used = {a for i in program.instructions for a in i.args} | set(program.results)
+    loads = [
+        f"{s.name} = {sources[s.group]}.{s.name}"
+        for index, s in enumerate(program.inputs) if index in used
+    ]
+    statements, results = statements_of(program, DIALECT)
+    return {"loads": loads, "lines": [_line(s) for s in statements], "results": results}
+
+
+def emit_python(emission: Emission) -> dict[str, str]:
+    """Return the Python module of `emission` and the package's `__init__`."""
+    model = emission.model
+    structures = structures_of(model)
+    controller = {"input": "measured", "state": "state", "prepared": "state", "parameter": "params"}
+    plant = {"input": "state", "torque": "applied", "parameter": "params"}
+    step = model.program("step")
+    context: dict[str, object] = {
+        "header": emission.banner(),
+        "title": model.title,
+        "model": model.name,
+        "classes": [
+            {
+                "name": _class_name(role),
+                "fields": [
+                    {"name": f.name, "unit": f.unit, "text": f.description} for f in s.fields
+                ],
+            }
+            for role, s in structures.items()
+        ],
+        "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
+        "sets": [
+            {"name": snake(s.name).upper(), "title": s.title,
+             "members": [{"name": n, "value": repr(s.as_dict()[n])}
+                         for n in structures["params"].names()]}
+            for s in emission.sets
+        ],
+        "bounds": [
+            {"name": c.name, "bound": repr(c.bound), "rate_bound": repr(c.rate_bound)}
+            for c in model.coordinates
+        ],
+        "parameter_bounds": [
+            {"name": p.name, "lower": repr(p.lower), "upper": repr(p.upper),
+             "relation": ">" if p.lower_open else ">="}
+            for p in model.parameters if p.name in structures["params"].names()
+        ],
+        "state_names": structures["state"].names(),
+        "output_names": structures["output"].names(),
+        "next_state": [s.name for s in step.outputs if s.group == "next_state"],
+        "step": _body(step, controller),
+        "prepare": _body(model.program("prepare"), controller),
+        "continuous": _body(model.program("continuous"), controller),
+        "acceleration": _body(model.program("acceleration"), plant),
+        "energy": _body(model.program("energy"), plant),
+        "input_gain": _body(model.program("input_gain"), controller),
+    }
+    return {
+        f"{model.name}.py": fill("python/model.py.j2", context),
+        "__init__.py": fill("python/package.py.j2", context),
+    }
+
+
+def _class_name(role: str) -> str:
+    return "".join(word.capitalize() for word in role.split("_"))

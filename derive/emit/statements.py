@@ -1,0 +1,161 @@
+"""Programs as statements: expression trees for a dialect, named values on lines of their own.
+
+A value that the derivation names, or that is used more than once, gets a statement; the others are
+written into the expression that uses them. The order of operations is that of the program.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pfaffian.derive.program import LOGICAL, Instruction, Op, Program
+
+_SUM, _PRODUCT, _UNARY, _ATOM = 1, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a language writes operations: call patterns, literals, and whether sin and cos pair."""
+
+    patterns: Mapping[Op, str]
+    literal: Callable[[float], str]
+    pairs_sine_and_cosine: bool
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One assignment: kind `value`, `truth` or `sincos` (then `name` is the sine's)."""
+
+    kind: str
+    name: str
+    cosine: str
+    expression: str
+    comment: str
+
+
+@dataclass(frozen=True)
+class _Text:
+    text: str
+    precedence: int
+
+
+_INFIX = {Op.ADD: ("+", _SUM), Op.SUB: ("-", _SUM), Op.MUL: ("*", _PRODUCT), Op.DIV: ("/", _PRODUCT)}
+
+
+class _Writer:
+    def __init__(self, program: Program, dialect: Dialect, renamed: Mapping[str, str]) -> None:
+        self.program, self.dialect = program, dialect
+        self.uses = Counter(a for i in program.instructions for a in i.args)
+        self.uses.update(program.results)
+        self.results = set(program.results)
+        self.texts: list[_Text] = []
+        self.statements: list[Statement] = []
+        self.renamed = renamed
+        self.taken = {s.name for s in program.inputs} | {i.name for i in program.instructions}
+        self.paired = self._sine_cosine_pairs() if dialect.pairs_sine_and_cosine else {}
+        self.done_pairs: dict[int, tuple[str, str]] = {}
+
+    def _sine_cosine_pairs(self) -> dict[int, str]:
+        """Return the arguments of which both sine and cosine are taken."""
+        seen: dict[int, set[Op]] = {}
+        for i in self.program.instructions:
+            if i.op in (Op.SIN, Op.COS):
+                seen.setdefault(i.args[0], set()).add(i.op)
+        return {arg: "" for arg, ops in seen.items() if len(ops) == 2}
+
+    def write(self) -> list[Statement]:
+        for index, instruction in enumerate(self.program.instructions):
+            if instruction.op is Op.INPUT:
+                self.texts.append(_Text(instruction.name, _ATOM))
+            elif instruction.op is Op.CONST:
+                text = self.dialect.literal(instruction.value)
+                self.texts.append(_Text(text, _UNARY if text.startswith("-") else _ATOM))
+            elif instruction.op in (Op.SIN, Op.COS) and instruction.args[0] in self.paired:
+                self.texts.append(self._pair(instruction))
+            else:
+                self.texts.append(self._place(index, instruction))
+        return self.statements
+
+    def _pair(self, instruction: Instruction) -> _Text:
+        argument = instruction.args[0]
+        if argument not in self.done_pairs:
+            suffix = self._suffix(argument)
+            names = (self._fresh(f"sin_{suffix}"), self._fresh(f"cos_{suffix}"))
+            self.done_pairs[argument] = names
+            self.statements.append(
+                Statement("sincos", names[0], names[1], self.texts[argument].text, "")
+            )
+        sine, cosine = self.done_pairs[argument]
+        return _Text(sine if instruction.op is Op.SIN else cosine, _ATOM)
+
+    def _suffix(self, argument: int) -> str:
+        """Return a readable name for the argument of a function: `q2`, `q1_q2`."""
+        words = re.findall(r"[A-Za-z_]\w*", self.texts[argument].text)
+        return "_".join(words) if 0 < len(words) <= 3 else f"t{argument}"
+
+    def _fresh(self, wanted: str) -> str:
+        name, k = wanted, 2
+        while name in self.taken:
+            name, k = f"{wanted}_{k}", k + 1
+        self.taken.add(name)
+        return name
+
+    def _place(self, index: int, instruction: Instruction) -> _Text:
+        text = self._expression(instruction)
+        name = instruction.name
+        if not name and self.uses[index] < 2 and instruction.op not in (Op.SIN, Op.COS):
+            return text
+        if not name:
+            name = self._automatic(index, instruction)
+        name = self.renamed.get(name, name)
+        kind = "truth" if instruction.op in LOGICAL else "value"
+        self.statements.append(Statement(kind, name, "", text.text, instruction.comment))
+        return _Text(name, _ATOM)
+
+    def _automatic(self, index: int, instruction: Instruction) -> str:
+        if instruction.op in (Op.SIN, Op.COS):
+            return self._fresh(f"{instruction.op}_{self._suffix(instruction.args[0])}")
+        a, b = (*instruction.args, -1)[:2]
+        if instruction.op is Op.MUL and a == b and re.fullmatch(r"\w+", self.texts[a].text):
+            return self._fresh(f"{self.texts[a].text}_squared")
+        return self._fresh(f"t{index}")
+
+    def _expression(self, instruction: Instruction) -> _Text:
+        parts = [self.texts[a] for a in instruction.args]
+        if instruction.op in _INFIX:
+            sign, level = _INFIX[instruction.op]
+            left = self._wrapped(parts[0], level)
+            right = self._wrapped(parts[1], level + 1)
+            return _Text(f"{left} {sign} {right}", level)
+        if instruction.op is Op.NEG:
+            return _Text(f"-{self._wrapped(parts[0], _ATOM)}", _UNARY)
+        pattern = self.dialect.patterns[instruction.op]
+        atom = pattern.startswith("(") or re.match(r"[\w.]+\(", pattern) is not None
+        slots = [p.text if self._inside_call(pattern, k) else self._wrapped(p, _ATOM)
+                 for k, p in enumerate(parts)]
+        return _Text(pattern.format(*slots), _ATOM if atom else 0)
+
+    @staticmethod
+    def _inside_call(pattern: str, slot: int) -> bool:
+        """Return whether slot stands alone between commas or parentheses of a call."""
+        return re.search(r"[(,]\s*\{" + str(slot) + r"\}\s*[,)]", pattern) is not None
+
+    @staticmethod
+    def _wrapped(part: _Text, least: int) -> str:
+        return part.text if part.precedence >= least else f"({part.text})"
+
+
+def statements_of(
+    program: Program, dialect: Dialect, renamed: Mapping[str, str] | None = None
+) -> tuple[tuple[Statement, ...], dict[str, str]]:
+    """Return the statements of `program`, and for each output the expression that holds it."""
+    writer = _Writer(program, dialect, renamed or {})
+    statements = tuple(writer.write())
+    results = {
+        signal.name: writer.texts[index].text
+        for signal, index in zip(program.outputs, program.results, strict=True)
+    }
+    return statements, results

@@ -1,0 +1,56 @@
+"""The structures of the generated code: one declaration that C, Python and the manifest share."""
+
+from __future__ import annotations
+
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.program import Program, Signal
+from pfaffian.runtime.manifest import Field, Structure
+
+STATUS = ("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC")
+STATUS_TEXT = {
+    "OK": "the law was applied as derived",
+    "SATURATED": "the torque is at its limit; integral and adaptation are held",
+    "NEAR_SINGULAR": "|ADB| is below its threshold; the nominal part is scaled down",
+    "BAD_INPUT": "a measurement is not finite or beyond its bound; torque 0, state kept",
+    "BAD_PARAMETER": "a parameter is not finite or out of its bounds",
+    "NUMERIC": "a result was not finite or beyond the limit; torque 0, state kept",
+}
+
+
+def _fields(signals: list[Signal]) -> tuple[Field, ...]:
+    unique = {s.name: s for s in signals}
+    return tuple(
+        Field(s.name, "uint32_t" if s.name == "engaged" else "double", s.unit, s.description)
+        for s in unique.values()
+    )
+
+
+def _group(program: Program, *groups: str) -> list[Signal]:
+    return [s for s in program.inputs if s.group in groups]
+
+
+def structures_of(model: LoweredModel) -> dict[str, Structure]:
+    """Return the structures of `model` by role, members in the order of declaration."""
+    step, prepare = model.program("step"), model.program("prepare")
+    continuous, acceleration = model.program("continuous"), model.program("acceleration")
+    declared = [p.name for p in model.parameters]
+
+    def parameters(*programs: Program) -> tuple[Field, ...]:
+        taken = {s.name: s for p in programs for s in _group(p, "parameter")}
+        return _fields([taken[n] for n in declared if n in taken])
+
+    outputs = [s for s in step.outputs if s.group == "output"]
+    motion = _fields(_group(acceleration, "input"))
+    roles = {
+        "params": parameters(step, prepare, continuous),
+        "input": motion,
+        "state": _fields(_group(step, "state", "prepared")),
+        "output": _fields(outputs),
+        "continuous_state": _fields(_group(continuous, "state")),
+        "continuous_output": _fields(list(continuous.outputs)),
+        "plant_params": parameters(acceleration, model.program("energy")),
+        "plant_state": motion,
+        "plant_input": _fields(_group(acceleration, "torque")),
+        "plant_rate": _fields(list(acceleration.outputs)),
+    }
+    return {role: Structure(f"{model.name}_{role}_t", fields) for role, fields in roles.items()}

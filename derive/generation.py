@@ -1,0 +1,58 @@
+"""One generation: every file of a model, as text, before anything is written."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from pfaffian.derive.emit.c import emit_c
+from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.python import emit_python
+from pfaffian.derive.emit.structures import STATUS, structures_of
+from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Manifest
+
+EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python)
+
+
+@dataclass(frozen=True)
+class Generation:
+    """The files of one generation: text by path relative to the model's folder, sorted."""
+
+    model: str
+    files: tuple[tuple[str, str], ...]
+
+
+def generate(emission: Emission) -> Generation:
+    """Emit every file of `emission`: code, readable derivation and manifest."""
+    files: dict[str, str] = dict(emission.model.documents)
+    for emitter in EMITTERS:
+        files |= emitter(emission)
+    digests = {
+        path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())
+    }
+    files[MANIFEST_NAME] = _manifest(emission, digests).to_json()
+    return Generation(emission.model.name, tuple(sorted(files.items())))
+
+
+def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
+    model = emission.model
+    domain = {c.name: c.bound for c in model.coordinates}
+    domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
+    return Manifest(
+        abi=ABI_VERSION,
+        model=model.name,
+        title=model.title,
+        source=model.source,
+        model_sha256=model.sha256,
+        parameters_sha256=emission.parameters_sha256(),
+        tools=dict(model.tools),
+        coordinates=tuple(c.name for c in model.coordinates),
+        actuators=tuple(a.name for a in model.actuators),
+        status=STATUS,
+        structures=structures_of(model),
+        parameter_sets={s.name: s.as_dict() for s in emission.sets},
+        set_titles={s.name: s.title for s in emission.sets},
+        domain=domain,
+        operations={p.name: sum(p.op_count().values()) for p in model.programs},
+        files=digests,
+    )

@@ -1,0 +1,88 @@
+"""Lagrangian dynamics M q'' + C q' + G + F = B tau from kinetic and potential energy, (1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from pfaffian.derive.normal_form import is_zero, trigonometric_sum
+from pfaffian.derive.spec import Matrix, ModelSpec
+from pfaffian.runtime.errors import InputError
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """The matrices of (1): M (n, n), C (n, n), G (n, 1), B (n, m), F (n, 1), and T, V."""
+
+    mass_matrix: sp.Matrix
+    coriolis_matrix: sp.Matrix
+    gravity: sp.Matrix
+    input_matrix: sp.Matrix
+    uncertain_force: sp.Matrix
+    kinetic_energy: sp.Expr
+    potential_energy: sp.Expr
+
+
+def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
+    """Derive the dynamics of `spec`, in its lumped parameters where it has any.
+
+    C is in Christoffel form, so that M' - 2 C is skew-symmetric. Raises `InputError` where T is
+    not a quadratic form of the velocities, or the lumped parameters do not span the dynamics.
+    """
+    q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
+    kinetic = _lumped(trigonometric_sum(spec.kinetic_energy), spec, "kinetic energy")
+    potential = _lumped(trigonometric_sum(spec.potential_energy), spec, "potential energy")
+    mass = sp.hessian(kinetic, list(dq)).applyfunc(sp.factor_terms)
+    if not is_zero(kinetic - (dq.T * mass * dq)[0] / 2):
+        raise InputError(
+            f"model {spec.name}: the kinetic energy is not a quadratic form of the velocities",
+            remedy="write T as a sum of m v^2/2 and I w^2/2 terms",
+        )
+    gravity = sp.Matrix([potential]).jacobian(q).T
+    return Dynamics(
+        mass_matrix=Matrix(mass),
+        coriolis_matrix=Matrix(christoffel_matrix(mass, q, dq)),
+        gravity=Matrix(gravity),
+        input_matrix=Matrix(spec.input_matrix),
+        uncertain_force=Matrix(spec.uncertain_force),
+        kinetic_energy=kinetic,
+        potential_energy=potential,
+    )
+
+
+def christoffel_matrix(mass: sp.Matrix, q: sp.Matrix, dq: sp.Matrix) -> sp.Matrix:
+    """Return C(q, q') (n, n): C_ij = sum_k (d_k M_ij + d_j M_ik - d_i M_jk) q'_k / 2."""
+    n = len(q)
+
+    def entry(i: int, j: int) -> sp.Expr:
+        return sp.factor_terms(sum(
+            (mass[i, j].diff(q[k]) + mass[i, k].diff(q[j]) - mass[j, k].diff(q[i])) * dq[k] / 2
+            for k in range(n)
+        ))
+
+    return sp.Matrix(n, n, entry)
+
+
+def _lumped(energy: sp.Expr, spec: ModelSpec, what: str) -> sp.Expr:
+    """Rewrite `energy` in the lumped parameters by solving their relations."""
+    if not spec.lumping:
+        return energy
+    relations = [combination - symbol for symbol, combination in spec.lumping]
+    solved = sp.solve(relations, list(spec.eliminated), dict=True)
+    if len(solved) != 1:
+        raise InputError(
+            f"model {spec.name}: the lumping relations do not determine "
+            f"{', '.join(s.name for s in spec.eliminated)}",
+            remedy="give one relation for each eliminated symbol",
+        )
+    rewritten = sp.collect(sp.expand(sp.cancel(sp.expand(energy.subs(solved[0])))),
+                           [symbol for symbol, _ in spec.lumping])
+    physical = {p.name for p in spec.parameters_in("physical")}
+    left = sorted(s.name for s in rewritten.free_symbols if s.name in physical)
+    if left:
+        raise InputError(
+            f"model {spec.name}: the {what} still depends on {', '.join(left)} after lumping",
+            remedy="add a lumped parameter for the missing combination",
+        )
+    return rewritten

@@ -1,0 +1,40 @@
+"""The lowering stage as a whole: a derivation in, a `LoweredModel` out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.lowered import ActuatorInterface, CoordinateInterface, LoweredModel
+from pfaffian.derive.lowering import lower
+from pfaffian.derive.program import program_to_json
+from pfaffian.derive.render import derivation_json, derivation_latex, derivation_markdown
+
+
+def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> LoweredModel:
+    """Lower every block of `derivation` and write its readable documents."""
+    spec = derivation.spec
+    programs = tuple(lower(block) for block in derivation.blocks)
+    content = json.dumps([program_to_json(p) for p in programs], sort_keys=True)
+    return LoweredModel(
+        name=spec.name,
+        title=spec.title,
+        source=spec.source,
+        coordinates=tuple(
+            CoordinateInterface(c.name, c.unit, c.description, c.bound, c.rate_bound)
+            for c in spec.coordinates
+        ),
+        actuators=tuple(
+            ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators
+        ),
+        parameters=spec.parameters,
+        programs=programs,
+        documents=(
+            ("derivation.md", derivation_markdown(derivation)),
+            ("derivation.tex", derivation_latex(derivation)),
+            ("derivation.json", derivation_json(derivation)),
+        ),
+        tools=tools,
+        sha256=hashlib.sha256(content.encode()).hexdigest(),
+    )

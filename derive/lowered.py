@@ -1,0 +1,85 @@
+"""The lowered model: all that emission and the parameter checks need, free of SymPy and CasADi."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.program import Program, program_from_json, program_to_json
+
+
+@dataclass(frozen=True)
+class CoordinateInterface:
+    """A coordinate as the generated code sees it: name, unit, meaning and accepted domain."""
+
+    name: str
+    unit: str
+    description: str
+    bound: float
+    rate_bound: float
+
+
+@dataclass(frozen=True)
+class ActuatorInterface:
+    """An actuator as the generated code sees it."""
+
+    name: str
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class LoweredModel:
+    """Programs, declarations and readable documents of one model; `sha256` identifies it."""
+
+    name: str
+    title: str
+    source: str
+    coordinates: tuple[CoordinateInterface, ...]
+    actuators: tuple[ActuatorInterface, ...]
+    parameters: tuple[Parameter, ...]
+    programs: tuple[Program, ...]
+    documents: tuple[tuple[str, str], ...]
+    tools: tuple[tuple[str, str], ...]
+    sha256: str
+
+    def program(self, name: str) -> Program:
+        """Return the program called `name`; raise `KeyError` if the model has none."""
+        for program in self.programs:
+            if program.name == name:
+                return program
+        raise KeyError(name)
+
+    def has_program(self, name: str) -> bool:
+        """Return whether the model has a program called `name`."""
+        return any(program.name == name for program in self.programs)
+
+    def parameters_of(self, name: str) -> tuple[Parameter, ...]:
+        """Return the declared parameters that program `name` takes."""
+        taken = {s.name for s in self.program(name).inputs if s.group == "parameter"}
+        return tuple(p for p in self.parameters if p.name in taken)
+
+
+def lowered_to_json(model: LoweredModel) -> str:
+    """Return `model` as one line of JSON."""
+    document = {k: v for k, v in vars(model).items() if k not in ("programs", "parameters")}
+    document["coordinates"] = [asdict(c) for c in model.coordinates]
+    document["actuators"] = [asdict(a) for a in model.actuators]
+    document["parameters"] = [asdict(p) for p in model.parameters]
+    document["programs"] = [program_to_json(p) for p in model.programs]
+    return json.dumps(document, separators=(",", ":"), sort_keys=True)
+
+
+def lowered_from_json(text: str) -> LoweredModel:
+    """Rebuild the model that `lowered_to_json` wrote."""
+    d = json.loads(text)
+    return LoweredModel(
+        name=d["name"], title=d["title"], source=d["source"], sha256=d["sha256"],
+        coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
+        actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
+        parameters=tuple(Parameter(**p) for p in d["parameters"]),
+        programs=tuple(program_from_json(p) for p in d["programs"]),
+        documents=tuple((k, v) for k, v in d["documents"]),
+        tools=tuple((k, v) for k, v in d["tools"]),
+    )

@@ -1,0 +1,245 @@
+"""Lowering: a symbolic block becomes a CasADi SX graph, and the graph a `Program`.
+
+CasADi finds the common subexpressions; the names of the block's definitions are carried through to
+the instructions that compute them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import casadi as ca
+import sympy as sp
+from sympy.codegen.cfunctions import expm1
+from sympy.core.relational import Relational
+
+from pfaffian.derive.block import Block
+from pfaffian.derive.program import Instruction, Op, Program
+
+_UNARY: dict[type, Callable[[Any], Any]] = {
+    sp.sin: ca.sin, sp.cos: ca.cos, sp.atan: ca.atan, sp.tanh: ca.tanh, sp.exp: ca.exp,
+    expm1: ca.expm1, sp.Abs: ca.fabs, sp.sign: ca.sign,
+}
+_RELATION: dict[type, Callable[[Any, Any], Any]] = {
+    sp.StrictGreaterThan: lambda a, b: b < a, sp.GreaterThan: lambda a, b: b <= a,
+    sp.StrictLessThan: lambda a, b: a < b, sp.LessThan: lambda a, b: a <= b,
+}
+
+
+class _ToCasadi:
+    """Walks SymPy expressions, sharing what it has already built."""
+
+    def __init__(self) -> None:
+        self.known: dict[sp.Basic, Any] = {}
+
+    def __call__(self, expression: sp.Basic) -> Any:
+        if expression not in self.known:
+            self.known[expression] = self._build(expression)
+        return self.known[expression]
+
+    def _build(self, e: sp.Basic) -> Any:
+        if e.is_Number or e.is_NumberSymbol:
+            return ca.SX(float(e.evalf(25)))
+        if e.is_Add:
+            return self._sum(e)
+        if e.is_Mul:
+            return self._product(e)
+        if e.is_Pow:
+            return self._power(e)
+        if isinstance(e, sp.Piecewise):
+            return self._piecewise(e)
+        if isinstance(e, sp.Max | sp.Min):
+            pick = ca.fmax if isinstance(e, sp.Max) else ca.fmin
+            return reduce(pick, (self(a) for a in e.args))
+        if isinstance(e, Relational) and type(e) in _RELATION:
+            return _RELATION[type(e)](self(e.lhs), self(e.rhs))
+        if isinstance(e, sp.And | sp.Or):
+            join = ca.logic_and if isinstance(e, sp.And) else ca.logic_or
+            return reduce(join, (self(a) for a in e.args))
+        if type(e) in _UNARY:
+            return _UNARY[type(e)](self(e.args[0]))
+        raise NotImplementedError(f"no lowering for {type(e).__name__}: {e}")
+
+    def _sum(self, e: sp.Add) -> Any:
+        """Add terms in SymPy's order, subtracting where a term carries a minus sign."""
+        terms = sorted(e.args, key=lambda t: t.could_extract_minus_sign())
+        total = self(terms[0])
+        for term in terms[1:]:
+            negative = term.could_extract_minus_sign()
+            total = total - self(-term) if negative else total + self(term)
+        return total
+
+    def _product(self, e: sp.Mul) -> Any:
+        """Multiply numerator and denominator apart, so that there is one division."""
+        if e.args[0] == -1:
+            return -self(-e)
+        above, below = [], []
+        for factor in e.args:
+            base, exponent = factor.as_base_exp()
+            if exponent.is_Number and exponent.is_negative:
+                below.append(self(base ** (-exponent)))
+            elif factor.is_Rational and not factor.is_Integer:
+                above.extend(self(part) for part in self._exact_parts(factor, below))
+            else:
+                above.append(self(factor))
+        top = reduce(lambda a, b: a * b, above, ca.SX(1))
+        return top / reduce(lambda a, b: a * b, below) if below else top
+
+    def _exact_parts(self, factor: sp.Rational, below: list[Any]) -> list[sp.Basic]:
+        """Keep a power of two in the denominator as an exact factor; divide by the rest."""
+        twos = sp.Integer(2) ** sp.multiplicity(2, factor.q)
+        if factor.q != twos:
+            below.append(self(sp.Integer(factor.q / twos)))
+        return [sp.Float(sp.Rational(factor.p) / twos, 17)]
+
+    def _power(self, e: sp.Pow) -> Any:
+        base, exponent = e.args
+        if exponent == sp.Rational(1, 2):
+            return ca.sqrt(self(base))
+        if exponent.is_Integer and exponent > 0:
+            value = self(base)
+            return reduce(lambda a, _: a * value, range(int(exponent) - 1), value)
+        if exponent.is_negative:
+            return 1 / self(base ** (-exponent))
+        raise NotImplementedError(f"no lowering for the power {e}")
+
+    def _piecewise(self, e: sp.Piecewise) -> Any:
+        *branches, last = e.args
+        if last.cond != sp.true:
+            raise NotImplementedError(f"Piecewise without a final branch: {e}")
+        value = self(last.expr)
+        for branch in reversed(branches):
+            value = ca.if_else(self(branch.cond), self(branch.expr), value)
+        return value
+
+
+_OPS: dict[int, Op] = {
+    ca.OP_ADD: Op.ADD, ca.OP_SUB: Op.SUB, ca.OP_MUL: Op.MUL, ca.OP_DIV: Op.DIV, ca.OP_NEG: Op.NEG,
+    ca.OP_FABS: Op.ABS, ca.OP_SIGN: Op.SIGN, ca.OP_FMIN: Op.MIN, ca.OP_FMAX: Op.MAX,
+    ca.OP_SQRT: Op.SQRT, ca.OP_SIN: Op.SIN, ca.OP_COS: Op.COS, ca.OP_ATAN: Op.ATAN,
+    ca.OP_EXP: Op.EXP, ca.OP_EXPM1: Op.EXPM1, ca.OP_TANH: Op.TANH, ca.OP_LT: Op.LESS,
+    ca.OP_LE: Op.LESS_EQUAL, ca.OP_EQ: Op.EQUAL, ca.OP_NOT: Op.NOT, ca.OP_AND: Op.AND,
+    ca.OP_OR: Op.OR,
+}
+
+
+def lower(block: Block) -> Program:
+    """Lower `block` to a program; definitions that no output needs are dropped."""
+    convert = _ToCasadi()
+    inputs = [ca.SX.sym(symbol.name) for symbol in block.symbols]
+    convert.known.update(zip(block.symbols, inputs, strict=True))
+    for definition in block.definitions:
+        convert.known[definition.symbol] = convert(definition.expression)
+    values = [convert(d.symbol) for d in block.definitions]
+    shared = ca.cse(values)
+    by_symbol = {d.symbol: v for d, v in zip(block.definitions, shared, strict=True)}
+    function = ca.Function(
+        "f", [ca.vertcat(*inputs)], [ca.vertcat(*by_symbol.values())], {"cse": False}
+    )
+    tape, leaving = _read_tape(function, len(inputs), len(values))
+    names = {d.symbol: leaving[i] for i, d in enumerate(block.definitions)}
+    for definition in block.definitions:
+        index = names[definition.symbol]
+        if tape[index].op not in (Op.INPUT, Op.CONST):
+            comment = definition.description + (f" [{definition.unit}]" if definition.unit else "")
+            tape[index] = replace(tape[index], name=definition.symbol.name, comment=comment)
+    for signal, i in zip(block.inputs, range(len(inputs)), strict=True):
+        tape[i] = replace(tape[i], name=signal.name)
+    results = tuple(names[symbol] for symbol in block.results)
+    tape, results = _select_from_masks(tape, results)
+    instructions, results = _without_dead(tape, results)
+    return Program(
+        block.name, block.title, block.inputs, tuple(instructions), block.outputs, results
+    )
+
+
+def _read_tape(function: Any, n_in: int, n_out: int) -> tuple[list[Instruction], list[int]]:
+    """Turn CasADi's work-vector instructions into single assignments."""
+    tape = [Instruction(Op.INPUT) for _ in range(n_in)]
+    slot: dict[int, int] = {}
+    leaving = [0] * n_out
+
+    def emit(op: Op, *args: int, value: float = 0.0) -> int:
+        tape.append(Instruction(op, args, value))
+        return len(tape) - 1
+
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        ins, outs = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_INPUT:
+            slot[outs[0]] = ins[1]
+        elif code == ca.OP_OUTPUT:
+            leaving[outs[1]] = slot[ins[0]]
+        elif code == ca.OP_CONST:
+            slot[outs[0]] = emit(Op.CONST, value=function.instruction_constant(k))
+        else:
+            args = [slot[i] for i in ins]
+            slot[outs[0]] = _emit_operation(code, args, emit)
+    return tape, leaving
+
+
+def _emit_operation(code: int, args: list[int], emit: Callable[..., int]) -> int:
+    """Emit one CasADi operation, spelling its shorthands out."""
+    if code == ca.OP_SQ:
+        return emit(Op.MUL, args[0], args[0])
+    if code == ca.OP_TWICE:
+        return emit(Op.ADD, args[0], args[0])
+    if code == ca.OP_INV:
+        return emit(Op.DIV, emit(Op.CONST, value=1.0), args[0])
+    if code == ca.OP_IF_ELSE_ZERO:
+        return emit(Op.SELECT, args[0], args[1], emit(Op.CONST, value=0.0))
+    if code not in _OPS:
+        raise NotImplementedError(f"no instruction for CasADi operation {code}")
+    return emit(_OPS[code], *args)
+
+
+def _select_from_masks(
+    tape: list[Instruction], results: tuple[int, ...]
+) -> tuple[list[Instruction], tuple[int, ...]]:
+    """Replace (c ? a : 0) + (!c ? b : 0), CasADi's if_else, by (c ? a : b)."""
+
+    def is_zero(i: int) -> bool:
+        return tape[i].op is Op.CONST and tape[i].value == 0.0
+
+    def mask(i: int) -> bool:
+        return tape[i].op is Op.SELECT and is_zero(tape[i].args[2])
+
+    for index, instruction in enumerate(tape):
+        if instruction.op is not Op.ADD or not all(mask(a) for a in instruction.args):
+            continue
+        first, second = (tape[a] for a in instruction.args)
+        if tape[first.args[0]].op is Op.NOT and tape[first.args[0]].args[0] == second.args[0]:
+            first, second = second, first
+        negation = tape[second.args[0]]
+        if negation.op is Op.NOT and negation.args[0] == first.args[0]:
+            tape[index] = replace(
+                instruction, op=Op.SELECT, args=(first.args[0], first.args[1], second.args[1])
+            )
+    return tape, results
+
+
+def _without_dead(
+    tape: list[Instruction], results: tuple[int, ...]
+) -> tuple[list[Instruction], tuple[int, ...]]:
+    """Drop what no result needs, merge equal constants, and number again. Inputs all stay."""
+    alive = set(results)
+    for index in reversed(range(len(tape))):
+        if index in alive:
+            alive.update(tape[index].args)
+    renumbered: dict[int, int] = {}
+    constants: dict[str, int] = {}
+    kept: list[Instruction] = []
+    for index, instruction in enumerate(tape):
+        if instruction.op is Op.CONST and instruction.value.hex() in constants:
+            renumbered[index] = constants[instruction.value.hex()]
+            continue
+        if index not in alive and instruction.op is not Op.INPUT:
+            continue
+        renumbered[index] = len(kept)
+        if instruction.op is Op.CONST:
+            constants[instruction.value.hex()] = len(kept)
+        kept.append(replace(instruction, args=tuple(renumbered[a] for a in instruction.args)))
+    return kept, tuple(renumbered[r] for r in results)

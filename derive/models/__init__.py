@@ -1,0 +1,1 @@
+"""The model library: one folder a plant, with `spec.py` and its parameter sets as TOML files."""

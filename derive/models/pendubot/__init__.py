@@ -1,0 +1,1 @@
+"""The Pendubot: two links, one motor at the shoulder."""

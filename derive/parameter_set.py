@@ -1,0 +1,242 @@
+"""Complete, judged parameter sets: every value known, and a design that can work."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.parameters import POLES_KEY, RawSet
+from pfaffian.derive.program import evaluate
+from pfaffian.runtime.errors import InputError
+
+#: Real poles proposed where a given set of gains is refused.
+PROPOSED_POLE = -6.0
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """All parameters of a model in SI units, by name, in the order of declaration."""
+
+    name: str
+    title: str
+    source: str
+    values: tuple[tuple[str, float], ...]
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the values by name."""
+        return dict(self.values)
+
+    def digest(self) -> str:
+        """Return the SHA-256 of names and exact values."""
+        exact = [[name, value.hex()] for name, value in self.values]
+        return hashlib.sha256(json.dumps(exact).encode()).hexdigest()
+
+
+def resolve_set(model: LoweredModel, raw: RawSet) -> ParameterSet:
+    """Complete `raw` with lumped, synthesised and default values, and judge it.
+
+    Raises `InputError` for a missing parameter, a mass matrix that is not positive definite, a
+    setpoint that is no equilibrium or lies in the singular set, and unstable zero dynamics.
+    """
+    values = dict(raw.values)
+    _complete_plant(model, raw, values)
+    _require(model, raw, values, ("plant", "gain", "target"))
+    _check_mass_matrix(model, raw, values)
+    _check_equilibrium(model, raw, values)
+    if raw.poles:
+        values |= synthesise_gains(model, values, raw.poles, f"{raw.path}: gains.{POLES_KEY}")
+        for parameter in model.parameters:
+            if parameter.group == "synthesised":
+                parameter.check(values[parameter.name], f"{raw.path}: gains.{POLES_KEY}")
+    _require(model, raw, values, ("synthesised",))
+    _check_zero_dynamics(model, raw, values)
+    _check_setpoint_gain(model, raw, values)
+    for parameter in model.parameters:
+        if parameter.default is not None:
+            values.setdefault(parameter.name, parameter.default)
+    ordered = tuple(
+        (p.name, values[p.name]) for p in model.parameters if p.name in values
+    )
+    return ParameterSet(raw.name, raw.title, raw.source, ordered)
+
+
+def zero_polynomial(model: LoweredModel, values: Mapping[str, float]) -> tuple[float, ...]:
+    """Return the characteristic polynomial of the zero dynamics, highest power first."""
+    defaults = {p.name: p.default for p in model.parameters if p.default is not None}
+    return tuple(evaluate(model.program("zero_polynomial"), {**defaults, **values}).values())
+
+
+def is_hurwitz(coefficients: tuple[float, ...]) -> bool:
+    """Return whether all roots lie strictly left of the imaginary axis (Routh's array)."""
+    lead = coefficients[0]
+    if lead == 0.0 or not all(math.isfinite(c) for c in coefficients):
+        return False
+    above = [c / lead for c in coefficients[0::2]]
+    below = [c / lead for c in coefficients[1::2]]
+    while below:
+        if not below[0] > 0.0:
+            return False
+        ratio = above[0] / below[0]
+        padded = [*below[1:], *[0.0] * (len(above) - len(below))]
+        above, below = below, [a - ratio * b for a, b in zip(above[1:], padded, strict=True)]
+    return True
+
+
+def polynomial_of(poles: tuple[complex, ...]) -> tuple[float, ...]:
+    """Return the monic polynomial with these roots, highest power first."""
+    coefficients: list[complex] = [1.0 + 0.0j]
+    for pole in sorted(poles, key=lambda p: (p.real, p.imag)):
+        shifted = [*coefficients, 0.0j]
+        scaled = [0.0j, *(pole * c for c in coefficients)]
+        coefficients = [a - b for a, b in zip(shifted, scaled, strict=True)]
+    return tuple(c.real for c in coefficients)
+
+
+def roots_of(coefficients: tuple[float, ...]) -> tuple[complex, ...]:
+    """Return the roots of a polynomial, sorted by real then imaginary part."""
+    import numpy as np  # only errors and reports need roots: a plain set is read without NumPy
+
+    return tuple(sorted((complex(r) for r in np.roots(coefficients)),
+                        key=lambda r: (r.real, r.imag)))
+
+
+def synthesise_gains(
+    model: LoweredModel, values: Mapping[str, float], poles: tuple[complex, ...], where: str
+) -> dict[str, float]:
+    """Return the gains that place the zero dynamics of the frictionless plant at `poles`.
+
+    Raises `InputError` naming `where` if the number of poles is not the order of the zero dynamics
+    or the model has no closed form for its gains.
+    """
+    if not model.has_program("gain_synthesis"):
+        raise InputError(
+            f"{where}: model {model.name} has no closed form for gains from poles",
+            remedy="give the gains themselves",
+        )
+    program = model.program("gain_synthesis")
+    order = sum(s.group == "input" for s in program.inputs)
+    if len(poles) != order:
+        raise InputError(
+            f"{where}: {len(poles)} poles for zero dynamics of order {order}",
+            remedy=f"give {order} poles",
+        )
+    wanted = polynomial_of(poles)[1:]
+    named = {f"c{order - 1 - k}": c for k, c in enumerate(wanted)}
+    return evaluate(program, {**values, **named})
+
+
+def _complete_plant(model: LoweredModel, raw: RawSet, values: dict[str, float]) -> None:
+    given = [p for p in model.parameters if p.group == "physical" and p.name in values]
+    if not given:
+        _require(model, raw, values, ("lumped",))
+        return
+    _require(model, raw, values, ("physical",))
+    values |= evaluate(model.program("lumping"), values)
+
+
+def _require(
+    model: LoweredModel, raw: RawSet, values: Mapping[str, float], groups: tuple[str, ...]
+) -> None:
+    missing = [
+        p for p in model.parameters
+        if p.group in groups and p.name not in values and p.default is None
+    ]
+    if missing:
+        first = missing[0]
+        unit = f" in {first.unit}" if first.unit else ""
+        raise InputError(
+            f"{raw.path}: missing {', '.join(p.name for p in missing)}",
+            remedy=f'add {first.name} ({first.description}){unit}, or start from another set '
+            f'with extends = "..."',
+        )
+
+
+def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    """Evaluate the leading minors on a grid over one turn of each coordinate M depends on."""
+    program = model.program("mass_minors")
+    names = [s.name for s in program.inputs if s.group == "input"]
+    turn = [2.0 * math.pi * k / 24 for k in range(24)]
+    for point in itertools.product(turn, repeat=len(names)):
+        at = dict(zip(names, point, strict=True))
+        minors = evaluate(program, {**values, **at})
+        if not all(m > 0.0 for m in minors.values()):
+            where = ", ".join(f"{n} = {v:.3g} rad" for n, v in at.items())
+            worst = min(minors.items(), key=lambda item: item[1])
+            inertias = ", ".join(
+                f"{s.name} = {values[s.name]:.6g}" for s in program.inputs
+                if s.group == "parameter"
+            )
+            raise InputError(
+                f"{raw.path}: the mass matrix is not positive definite at {where}: "
+                f"{worst[0]} = {worst[1]:.3g} with {inertias}",
+                remedy="check the inertias: no rigid mechanism has this mass matrix",
+            )
+
+
+def _check_equilibrium(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    forces = evaluate(model.program("rest_force"), values)
+    scale = max(abs(values[p.name]) for p in model.parameters_of("rest_force"))
+    for name, force in forces.items():
+        if abs(force) > 1e-9 * scale:
+            raise InputError(
+                f"{raw.path}: the setpoint is not an equilibrium: gravity leaves {force:.3g} N m "
+                f"that no actuator reaches ({name})",
+                remedy="choose a setpoint where the unactuated joints are in balance",
+            )
+
+
+def _check_setpoint_gain(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    setpoint = evaluate(model.program("setpoint"), values)
+    adb = evaluate(model.program("input_gain"), {**_at_rest(model), **values, **setpoint})["adb"]
+    least = values["singular_threshold"]
+    if not abs(adb) >= least:
+        raise InputError(
+            f"{raw.path}: the setpoint lies in the singular set: |ADB| = {abs(adb):.4g} there, "
+            f"below target.singular_threshold = {least:.4g}",
+            remedy="choose gains with a larger input gain, or lower the threshold",
+        )
+
+
+def _at_rest(model: LoweredModel) -> dict[str, float]:
+    return {f"d{c.name}": 0.0 for c in model.coordinates}
+
+
+def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    coefficients = zero_polynomial(model, values)
+    if is_hurwitz(coefficients):
+        return
+    violated = []
+    if model.has_program("stability"):
+        program = model.program("stability")
+        margins = evaluate(program, values).values()
+        violated = [
+            f"{signal.description} (off by {-margin:.4g})"
+            for signal, margin in zip(program.outputs, margins, strict=True)
+            if not margin > 0.0
+        ]
+    poles = ", ".join(f"{r:.4g}" for r in roots_of(coefficients)) if coefficients[0] else "none"
+    gains = [p.name for p in model.parameters if p.group == "synthesised"]
+    given = ", ".join(f"{g} = {values[g]:.6g}" for g in gains)
+    raise InputError(
+        f"{raw.path}: the zero dynamics are unstable with {given}: poles {poles} 1/s"
+        + (f"; violated: {'; '.join(violated)}" if violated else ""),
+        remedy=_proposal(model, values),
+    )
+
+
+def _proposal(model: LoweredModel, values: Mapping[str, float]) -> str:
+    if not model.has_program("gain_synthesis"):
+        return "choose other gains"
+    order = sum(s.group == "input" for s in model.program("gain_synthesis").inputs)
+    poles = (complex(PROPOSED_POLE),) * order
+    gains = synthesise_gains(model, values, poles, "proposal")
+    units = {p.name: p.unit for p in model.parameters}
+    text = ", ".join(
+        f'{n} = "{v:.6g} {units[n]}"' if units[n] else f"{n} = {v:.6g}" for n, v in gains.items()
+    )
+    return f"for poles at {PROPOSED_POLE:g} take {text}, or give {POLES_KEY}"

@@ -1,0 +1,243 @@
+"""Declared parameters, and parameter sets read from TOML. Imports neither SymPy nor pint eagerly.
+
+A set names every parameter of one plant with its unit, for instance `m1 = "0.09 kg"`. Values are
+converted to the declared coherent SI unit; a wrong dimension, a missing or an unknown key and a
+value out of bounds are each refused with the file and the key.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pfaffian.derive.quantity import parse_quantity
+from pfaffian.runtime.errors import InputError
+
+#: TOML table of each parameter group.
+TABLES = {
+    "physical": "parameters",
+    "lumped": "parameters",
+    "plant": "parameters",
+    "gain": "gains",
+    "synthesised": "gains",
+    "target": "target",
+}
+#: Groups of which a set holds one or the other, and what the group that stands in for it is.
+_ALTERNATIVES = {"physical": "lumped", "lumped": "physical"}
+POLES_KEY = "zero_dynamics_poles"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One declared parameter: name, coherent SI unit, meaning, closed bounds and group.
+
+    Groups: `physical` (masses, lengths) or `lumped` (what they combine to), `plant` (needed in
+    either form, such as g), `gain`, `synthesised` (gains that wanted poles may replace), `target`
+    (sample time, limits) and `uncertainty` (what only the simulated plant knows).
+    `lower_open` makes the lower bound strict. A parameter with a `default` may be left out.
+    """
+
+    name: str
+    unit: str
+    description: str
+    group: str
+    lower: float
+    upper: float
+    lower_open: bool = False
+    default: float | None = None
+    latex: str = ""
+
+    def check(self, value: float, where: str) -> float:
+        """Return `value` if it lies within the bounds; raise `InputError` naming `where`."""
+        above = value > self.lower if self.lower_open else value >= self.lower
+        if above and value <= self.upper:
+            return value
+        relation = "greater than" if self.lower_open else "at least"
+        raise InputError(
+            f"{where}: {self.name} = {value:g} {self.unit} is out of bounds "
+            f"({self.description})",
+            remedy=f"give a value {relation} {self.lower:g} and at most {self.upper:g} {self.unit}",
+        )
+
+
+@dataclass(frozen=True)
+class RawSet:
+    """A parameter set as read: values in SI by name, and wanted zero-dynamics poles if given."""
+
+    name: str
+    title: str
+    source: str
+    path: str
+    values: Mapping[str, float]
+    poles: tuple[complex, ...] = ()
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """Return the document in `path`; raise `InputError` where it is unreadable or malformed."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror})", remedy="check the path and its rights"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text", remedy="save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f"{path}: is not valid TOML: {error}", remedy="mend the line named in the message"
+        ) from error
+
+
+def suggestion(word: str, known: list[str]) -> str:
+    """Return a remedy that names the nearest known word, and all of them."""
+    near = difflib.get_close_matches(word, known, n=1)
+    lead = f"did you mean {near[0]}? " if near else ""
+    return f"{lead}known: {', '.join(known)}"
+
+
+def _parse_poles(raw: object, where: str) -> tuple[complex, ...]:
+    remedy = 'give numbers or strings such as [-6, "-4+2j", "-4-2j"], complex ones in pairs'
+    if not isinstance(raw, list) or not raw:
+        raise InputError(f"{where}: must be a list of poles in 1/s", remedy=remedy)
+    try:
+        poles = tuple(complex(str(p).replace(" ", "").replace("i", "j")) for p in raw)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}", remedy=remedy) from error
+    check_poles(poles, where)
+    return poles
+
+
+def check_poles(poles: tuple[complex, ...], where: str) -> None:
+    """Raise `InputError` unless `poles` are stable and closed under conjugation."""
+    unstable = [p for p in poles if not p.real < 0.0]
+    if unstable:
+        raise InputError(
+            f"{where}: {unstable[0]:g} is not a stable pole", remedy="give negative real parts"
+        )
+    key = lambda p: (p.real, p.imag)  # noqa: E731
+    if sorted(poles, key=key) != sorted((p.conjugate() for p in poles), key=key):
+        raise InputError(
+            f"{where}: complex poles must come in conjugate pairs",
+            remedy="add the conjugate of each complex pole",
+        )
+
+
+def _table(document: Mapping[str, object], table: str, path: Path) -> dict[str, object]:
+    raw = document.get(table, {})
+    if not isinstance(raw, dict):
+        raise InputError(
+            f"{path}: {table} must be a table", remedy=f"write [{table}] on a line of its own"
+        )
+    return raw
+
+
+def _check_keys(document: Mapping[str, object], known: Mapping[str, list[str]], path: Path) -> None:
+    tops = ["title", "source", "extends", *known]
+    for key in document:
+        if key not in tops:
+            raise InputError(f"{path}: unknown key {key}", remedy=suggestion(key, tops))
+    for table, names in known.items():
+        for key in _table(document, table, path):
+            if key not in names:
+                raise InputError(
+                    f"{path}: unknown key {table}.{key}", remedy=suggestion(key, names)
+                )
+
+
+def read_set(
+    path: Path, declared: tuple[Parameter, ...], known_sets: Mapping[str, Path]
+) -> RawSet:
+    """Read the parameter set in `path`, its `extends` base first.
+
+    Raises `InputError` for malformed TOML, unknown keys, wrong dimensions and values out of
+    bounds. Completeness is judged later, when lumped and synthesised values are known.
+    """
+    return _read_set(path, declared, known_sets, ())
+
+
+def _read_set(
+    path: Path,
+    declared: tuple[Parameter, ...],
+    known_sets: Mapping[str, Path],
+    above: tuple[Path, ...],
+) -> RawSet:
+    document = read_toml(path)
+    by_table: dict[str, list[str]] = {table: [] for table in dict.fromkeys(TABLES.values())}
+    for parameter in declared:
+        if parameter.group in TABLES:
+            by_table[TABLES[parameter.group]].append(parameter.name)
+    by_table["gains"].append(POLES_KEY)
+    _check_keys(document, by_table, path)
+    if path in above:
+        chain = " -> ".join(str(p) for p in (*above, path))
+        raise InputError(f"{path}: extends itself ({chain})", remedy="break the circle")
+    base = _base_of(document, path, declared, known_sets, (*above, path))
+    own, poles = _own_values(document, declared, path)
+    groups = {p.name: p.group for p in declared}
+    given = {groups[name] for name in own}
+    if poles and "synthesised" in given:
+        raise InputError(
+            f"{path}: gains.{POLES_KEY} and {_first(own, groups, 'synthesised')} are both given",
+            remedy="give the poles or the gains that follow from them, not both",
+        )
+    if {"physical", "lumped"} <= given:
+        raise InputError(
+            f"{path}: {_first(own, groups, 'physical')} (physical) and "
+            f"{_first(own, groups, 'lumped')} (lumped) are both given",
+            remedy="describe the plant in one form: all physical or all lumped parameters",
+        )
+    replaced = {_ALTERNATIVES[g] for g in given if g in _ALTERNATIVES}
+    replaced |= {"synthesised"} if poles else set()
+    values = {k: v for k, v in base.values.items() if groups[k] not in replaced} if base else {}
+    inherited = base.poles if base and "synthesised" not in given else ()
+    return RawSet(
+        name=path.stem,
+        title=str(document.get("title", path.stem)),
+        source=str(document.get("source", base.source if base else "")),
+        path=str(path),
+        values=values | own,
+        poles=poles or inherited,
+    )
+
+
+def _first(own: Mapping[str, float], groups: Mapping[str, str], group: str) -> str:
+    return next(name for name in own if groups[name] == group)
+
+
+def _base_of(
+    document: Mapping[str, object],
+    path: Path,
+    declared: tuple[Parameter, ...],
+    known_sets: Mapping[str, Path],
+    above: tuple[Path, ...],
+) -> RawSet | None:
+    if "extends" not in document:
+        return None
+    name = str(document["extends"])
+    if name not in known_sets:
+        raise InputError(
+            f"{path}: extends names no parameter set: {name}",
+            remedy=suggestion(name, sorted(known_sets)),
+        )
+    return _read_set(known_sets[name], declared, known_sets, above)
+
+
+def _own_values(
+    document: Mapping[str, object], declared: tuple[Parameter, ...], path: Path
+) -> tuple[dict[str, float], tuple[complex, ...]]:
+    values: dict[str, float] = {}
+    for parameter in declared:
+        if parameter.group not in TABLES:
+            continue
+        table = TABLES[parameter.group]
+        raw = _table(document, table, path).get(parameter.name)
+        if raw is not None:
+            where = f"{path}: {table}.{parameter.name}"
+            values[parameter.name] = parameter.check(
+                parse_quantity(raw, parameter.unit, where), where
+            )
+    poles = _table(document, "gains", path).get(POLES_KEY)
+    return values, _parse_poles(poles, f"{path}: gains.{POLES_KEY}") if poles is not None else ()

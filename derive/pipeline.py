@@ -1,0 +1,105 @@
+"""The stages in order, each cached by the content it depends on.
+
+    spec.py --derive--> Derivation --lower--> LoweredModel --emit--> files
+
+SymPy and CasADi are imported only where a stage really runs: after a parameter change both stages
+come from the cache and neither is loaded.
+"""
+
+from __future__ import annotations
+
+import pickle
+import time
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pfaffian.derive.cache import cached, digest
+from pfaffian.derive.library import ModelFolder
+from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
+from pfaffian.derive.parameter_set import ParameterSet, resolve_set
+from pfaffian.derive.parameters import read_set
+
+if TYPE_CHECKING:
+    from pfaffian.derive.derivation import Derivation
+
+_HERE = Path(__file__).parent
+#: Modules whose text a derivation depends on; lowering depends on these and its own.
+_DERIVATION_CODE = (
+    "block", "constraint", "control", "derivation", "dimensions", "identities", "lagrange",
+    "normal_form", "parameters", "program", "quantity", "spec", "zero_dynamics",
+)
+_LOWERING_CODE = ("lower_model", "lowered", "lowering", "render")
+_TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
+
+
+@dataclass
+class StageClock:
+    """Seconds spent in each stage, in the order the stages ran."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def record(self, stage: str, since: float) -> None:
+        """Add the time from `since` (of `time.perf_counter`) to `stage`."""
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - since
+
+
+def tool_versions() -> tuple[tuple[str, str], ...]:
+    """Return name and version of the tools whose output the generated files depend on."""
+    return tuple((name, version(name)) for name in _TOOLS)
+
+
+def _code(names: tuple[str, ...]) -> list[bytes]:
+    return [p.read_bytes() for n in names if (p := _HERE / f"{n}.py").is_file()]
+
+
+def derivation_key(folder: ModelFolder) -> str:
+    """Return the digest of all that the derivation of `folder` depends on."""
+    sources = [p.read_bytes() for p in sorted(folder.path.glob("*.py"))]
+    tools = repr(tool_versions()).encode()
+    return digest(folder.name.encode(), tools, *_code(_DERIVATION_CODE), *sources)
+
+
+def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Derivation:
+    """Return the derivation of the model in `folder`, from the cache where it is known."""
+    since = time.perf_counter()
+
+    def compute() -> bytes:
+        from pfaffian.derive.derivation import derive
+
+        return pickle.dumps(derive(folder.load()))
+
+    from pfaffian.derive import derivation as _loaded  # noqa: F401  (pickle needs its classes)
+
+    result: Derivation = pickle.loads(cached("derivation", derivation_key(folder), compute))
+    if clock:
+        clock.record("derive", since)
+    return result
+
+
+def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> LoweredModel:
+    """Return the lowered model of `folder`, from the cache where it is known."""
+    since = time.perf_counter()
+    key = digest(derivation_key(folder).encode(), *_code(_LOWERING_CODE))
+
+    def compute() -> bytes:
+        from pfaffian.derive.lower_model import lower_model
+
+        return lowered_to_json(lower_model(derivation_of(folder, clock), tool_versions())).encode()
+
+    model = lowered_from_json(cached("lowered", key, compute).decode())
+    if clock:
+        clock.record("lower", since)
+        clock.seconds["lower"] -= clock.seconds.get("derive", 0.0)
+    return model
+
+
+def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> ParameterSet:
+    """Read, complete and judge the parameter set in `path`."""
+    return resolve_set(model, read_set(path, model.parameters, folder.sets()))
+
+
+def library_sets(model: LoweredModel, folder: ModelFolder) -> tuple[ParameterSet, ...]:
+    """Return every parameter set that comes with the model, sorted by name."""
+    return tuple(parameter_set(model, folder, path) for path in folder.sets().values())

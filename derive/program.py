@@ -1,0 +1,180 @@
+"""The intermediate representation: straight-line programs in single-assignment form.
+
+A `Program` is what every emitter reads. It knows nothing of SymPy or CasADi, so that a cached one
+can be emitted or evaluated after a parameter change without importing either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Op(StrEnum):
+    """What one instruction does; operands are indices of earlier instructions."""
+
+    INPUT = "input"
+    CONST = "const"
+    ADD = "add"
+    SUB = "sub"
+    MUL = "mul"
+    DIV = "div"
+    NEG = "neg"
+    ABS = "abs"
+    SIGN = "sign"
+    MIN = "min"
+    MAX = "max"
+    SQRT = "sqrt"
+    SIN = "sin"
+    COS = "cos"
+    ATAN = "atan"
+    EXP = "exp"
+    EXPM1 = "expm1"
+    TANH = "tanh"
+    LESS = "less"
+    LESS_EQUAL = "less_equal"
+    EQUAL = "equal"
+    NOT = "not"
+    AND = "and"
+    OR = "or"
+    SELECT = "select"
+
+
+#: Operators whose value is a truth value (0 or 1), never a number of the plant.
+LOGICAL = frozenset({Op.LESS, Op.LESS_EQUAL, Op.EQUAL, Op.NOT, Op.AND, Op.OR})
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A named scalar that enters or leaves a program.
+
+    `group` says which structure it belongs to: `input` (what is measured), `torque`, `state`,
+    `parameter`, `prepared`, `output`, `flag` or `next_state`.
+    """
+
+    name: str
+    unit: str
+    description: str
+    group: str
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """One assignment. `name` is empty where the value has no name of its own in the derivation."""
+
+    op: Op
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+    name: str = ""
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Program:
+    """Inputs, instructions in order, and for each output the index of the instruction it takes."""
+
+    name: str
+    title: str
+    inputs: tuple[Signal, ...]
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[Signal, ...]
+    results: tuple[int, ...]
+
+    def op_count(self) -> dict[str, int]:
+        """Return how many instructions of each kind the program executes, sorted by kind."""
+        free = {Op.INPUT, Op.CONST}
+        counts = Counter(str(i.op) for i in self.instructions if i.op not in free)
+        return dict(sorted(counts.items()))
+
+
+def _sign(x: float) -> float:
+    return float(x > 0.0) - float(x < 0.0)
+
+
+def _exp(x: float) -> float:
+    try:
+        return math.exp(x)
+    except OverflowError:
+        return math.inf
+
+
+_EVALUATE: dict[Op, Callable[..., float]] = {
+    Op.ADD: lambda a, b: a + b,
+    Op.SUB: lambda a, b: a - b,
+    Op.MUL: lambda a, b: a * b,
+    Op.DIV: lambda a, b: a / b if b else math.nan,
+    Op.NEG: lambda a: -a,
+    Op.ABS: abs,
+    Op.SIGN: _sign,
+    Op.MIN: lambda a, b: a if a < b else b,
+    Op.MAX: lambda a, b: a if a > b else b,
+    Op.SQRT: math.sqrt,
+    Op.SIN: math.sin,
+    Op.COS: math.cos,
+    Op.ATAN: math.atan,
+    Op.EXP: _exp,
+    Op.EXPM1: math.expm1,
+    Op.TANH: math.tanh,
+    Op.LESS: lambda a, b: float(a < b),
+    Op.LESS_EQUAL: lambda a, b: float(a <= b),
+    Op.EQUAL: lambda a, b: float(a == b),
+    Op.NOT: lambda a: float(not a),
+    Op.AND: lambda a, b: float(bool(a) and bool(b)),
+    Op.OR: lambda a, b: float(bool(a) or bool(b)),
+    Op.SELECT: lambda c, a, b: a if c else b,
+}
+
+
+def evaluate(program: Program, values: Mapping[str, float]) -> dict[str, float]:
+    """Run `program` in plain Python floats and return its outputs by name.
+
+    It serves the parameter checks, where a handful of values is wanted and importing NumPy would
+    cost more than the answer. Division by zero gives NaN.
+    """
+    slots: list[float] = []
+    names = iter(program.inputs)
+    for instruction in program.instructions:
+        if instruction.op is Op.INPUT:
+            slots.append(float(values[next(names).name]))
+        elif instruction.op is Op.CONST:
+            slots.append(instruction.value)
+        else:
+            slots.append(_EVALUATE[instruction.op](*(slots[i] for i in instruction.args)))
+    pairs = zip(program.outputs, program.results, strict=True)
+    return {signal.name: slots[index] for signal, index in pairs}
+
+
+def program_to_json(program: Program) -> dict[str, object]:
+    """Return a JSON document of `program`; constants are kept as hexadecimal floats."""
+    return {
+        "name": program.name,
+        "title": program.title,
+        "inputs": [list(vars(s).values()) for s in program.inputs],
+        "instructions": [
+            [str(i.op), list(i.args), i.value.hex(), i.name, i.comment]
+            for i in program.instructions
+        ],
+        "outputs": [list(vars(s).values()) for s in program.outputs],
+        "results": list(program.results),
+    }
+
+
+def program_from_json(document: Mapping[str, object]) -> Program:
+    """Rebuild the program that `program_to_json` wrote."""
+    raw: dict[str, list[list[object]]] = dict(document)  # type: ignore[arg-type]
+    return Program(
+        name=str(document["name"]),
+        title=str(document["title"]),
+        inputs=tuple(Signal(*map(str, s)) for s in raw["inputs"]),
+        instructions=tuple(
+            Instruction(
+                Op(op), tuple(args), float.fromhex(value), str(name), str(comment)  # type: ignore[arg-type,call-overload]
+            )
+            for op, args, value, name, comment in raw["instructions"]
+        ),
+        outputs=tuple(Signal(*map(str, s)) for s in raw["outputs"]),
+        results=tuple(document["results"]),  # type: ignore[arg-type]
+    )

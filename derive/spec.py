@@ -1,0 +1,141 @@
+"""The model specification: what a person writes to describe a plant and its servo-constraint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import sympy as sp
+
+from pfaffian.derive.parameters import Parameter
+
+Matrix = sp.ImmutableDenseMatrix
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One generalised coordinate q with its velocity q', and the domain the controller accepts.
+
+    `bound` and `rate_bound` are the largest |q| (in `unit`) and |q'| (in `unit`/s) taken as a
+    measurement; what lies beyond is a fault, not a state.
+    """
+
+    name: str
+    unit: str
+    description: str
+    bound: float
+    rate_bound: float
+
+    @property
+    def position(self) -> sp.Symbol:
+        """Return the symbol of q."""
+        return sp.Symbol(self.name, real=True)
+
+    @property
+    def velocity(self) -> sp.Symbol:
+        """Return the symbol of q'."""
+        return sp.Symbol(f"d{self.name}", real=True)
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One input: its name, unit and meaning."""
+
+    name: str
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class ServoConstraint:
+    """A first-order servo-constraint s(q, q') -> 0, stabilised by s' + drift(s) = 0.
+
+    `residual` is s, one entry a constraint, affine in q'. `drift` maps the vector of symbols
+    `residual_symbols` to sigma s + (2 eta/pi) arctan s of (2). `setpoint` gives q_d by coordinate;
+    `errors` are e = q - q_d.
+    """
+
+    residual: sp.Matrix
+    residual_symbols: tuple[sp.Symbol, ...]
+    residual_unit: str
+    drift: sp.Matrix
+    errors: sp.Matrix
+    setpoint: tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True)
+class RobustLaw:
+    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat."""
+
+    kappa: sp.Symbol
+    epsilon: sp.Symbol
+    adaptation_rate: sp.Symbol
+    leakage_rate: sp.Symbol
+    initial_bound: sp.Symbol
+    sample_time: sp.Symbol
+    torque_limit: sp.Symbol
+    singular_threshold: sp.Symbol
+
+
+@dataclass(frozen=True)
+class StabilityCondition:
+    """A named closed-form condition `margin > 0` for stable zero dynamics, as a person reads it."""
+
+    text: str
+    margin: sp.Expr
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """A plant by its energies, with parameters, uncertainty, servo-constraint and control law.
+
+    Energies are written in physical parameters; `lumping` names the combinations the dynamics are
+    rewritten in, and `eliminated` the physical symbols that those relations are solved for.
+    `uncertain_force` is F(q, q') of (1); it stands on the left-hand side.
+    """
+
+    name: str
+    title: str
+    source: str
+    coordinates: tuple[Coordinate, ...]
+    actuators: tuple[Actuator, ...]
+    parameters: tuple[Parameter, ...]
+    kinetic_energy: sp.Expr
+    potential_energy: sp.Expr
+    input_matrix: sp.Matrix
+    uncertain_force: sp.Matrix
+    constraint: ServoConstraint
+    law: RobustLaw
+    lumping: tuple[tuple[sp.Symbol, sp.Expr], ...] = ()
+    eliminated: tuple[sp.Symbol, ...] = ()
+    stability: tuple[StabilityCondition, ...] = ()
+
+    @property
+    def positions(self) -> tuple[sp.Symbol, ...]:
+        """Return q, shape (n,)."""
+        return tuple(c.position for c in self.coordinates)
+
+    @property
+    def velocities(self) -> tuple[sp.Symbol, ...]:
+        """Return q', shape (n,)."""
+        return tuple(c.velocity for c in self.coordinates)
+
+    def parameters_in(self, *groups: str) -> tuple[Parameter, ...]:
+        """Return the declared parameters of these groups, in the order of declaration."""
+        return tuple(p for p in self.parameters if p.group in groups)
+
+
+def symbol_of(parameter: Parameter) -> sp.Symbol:
+    """Return the SymPy symbol of a declared parameter; positive where its bounds say so."""
+    positive = parameter.lower > 0.0 or (parameter.lower == 0.0 and parameter.lower_open)
+    return sp.Symbol(parameter.name, positive=True) if positive else _real(parameter.name)
+
+
+def _real(name: str) -> sp.Symbol:
+    return sp.Symbol(name, real=True)
+
+
+def symbols_of(parameters: Iterable[Parameter]) -> SimpleNamespace:
+    """Return a namespace with one symbol a parameter, for writing a model down."""
+    return SimpleNamespace(**{p.name: symbol_of(p) for p in parameters})

@@ -1,0 +1,172 @@
+"""The one writer: a generation reaches the disk whole, or not at all.
+
+The new folder is built beside the old one and the two are exchanged in one system call, so a kill
+at any moment leaves either the old files or the new ones, never a mixture.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import difflib
+import errno
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from pfaffian.derive.generation import Generation
+from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.manifest import MANIFEST_NAME
+
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
+
+
+def write_generation(generation: Generation, folder: Path) -> tuple[str, ...]:
+    """Put `generation` into `folder` and return the paths whose bytes changed.
+
+    Files of the user's own in `folder` are kept. Raises `InputError` where the folder cannot be
+    written, or holds files but no generation.
+    """
+    folder = Path(os.path.realpath(folder))
+    _check_target(folder)
+    old = _generated_files(folder)
+    changed = tuple(
+        path for path, text in generation.files
+        if _bytes_of(folder / path) != text.encode("utf-8")
+    )
+    removed = tuple(sorted(old - {path for path, _ in generation.files}))
+    if not changed and not removed:
+        return ()
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        _fill(staging, generation, folder, removed)
+        _exchange(staging, folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return tuple(sorted({*changed, *removed}))
+
+
+def drift(generation: Generation, folder: Path) -> str:
+    """Return a unified diff from the files in `folder` to `generation`; empty where none."""
+    wanted = dict(generation.files)
+    lines: list[str] = []
+    for path in sorted({*wanted, *_generated_files(folder)}):
+        stored = _bytes_of(folder / path)
+        before = stored.decode("utf-8", "replace") if stored is not None else ""
+        after = wanted.get(path, "")
+        if stored == after.encode("utf-8"):
+            continue
+        lines += difflib.unified_diff(
+            before.splitlines(keepends=True), after.splitlines(keepends=True),
+            f"{folder.name}/{path}", f"regenerated/{path}",
+        )
+    return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
+
+
+def _check_target(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, not a folder", remedy="name another folder with -o")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST_NAME).is_file():
+        raise InputError(
+            f"{folder}: is not empty and holds no generated model",
+            remedy="name an empty or new folder with -o, so that none of your files is touched",
+        )
+    parent = folder if folder.is_dir() else _nearest(folder)
+    for place in {parent, _nearest(folder)}:
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise _unwritable(place, OSError(errno.EACCES, os.strerror(errno.EACCES)))
+
+
+def _nearest(folder: Path) -> Path:
+    """Return the nearest folder above `folder` that exists."""
+    above = folder.parent
+    while not above.exists():
+        above = above.parent
+    return above
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{folder}: cannot be written ({error.strerror or error})",
+        remedy="choose another folder with -o, or mend its rights",
+    )
+
+
+def _generated_files(folder: Path) -> set[str]:
+    """Return the paths that the manifest in `folder` lists, itself included."""
+    import json
+
+    try:
+        document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
+        return {str(p) for p in document["files"]} | {MANIFEST_NAME}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+
+
+def _bytes_of(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
+
+
+def _fill(staging: Path, generation: Generation, folder: Path, removed: tuple[str, ...]) -> None:
+    """Build the new folder: unchanged and foreign files are hard links, so they keep their times."""
+    staging.chmod(folder.stat().st_mode if folder.exists() else 0o777 & ~_umask())
+    if folder.exists():
+        shutil.copytree(
+            folder, staging, copy_function=_link, symlinks=True, dirs_exist_ok=True
+        )
+    for path in removed:
+        (staging / path).unlink(missing_ok=True)
+    for path, text in generation.files:
+        target = staging / path
+        content = text.encode("utf-8")
+        if _bytes_of(target) == content:
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.unlink(missing_ok=True)
+        with target.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def _link(source: str, target: str) -> str:
+    os.link(source, target, follow_symlinks=False)
+    return target
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _exchange(staging: Path, folder: Path) -> None:
+    """Let `staging` take the place of `folder`; the old content is then in `staging`."""
+    if not folder.exists():
+        staging.rename(folder)
+        return
+    libc = ctypes.CDLL(None, use_errno=True)
+    renameat2 = getattr(libc, "renameat2", None)
+    if renameat2 is not None:
+        done = renameat2(
+            _AT_FDCWD, os.fsencode(staging), _AT_FDCWD, os.fsencode(folder), _RENAME_EXCHANGE
+        )
+        if done == 0:
+            return
+        if ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS):
+            raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    # No atomic exchange here (another system or file system): two renames, the shortest window.
+    aside = staging.with_name(f"{staging.name}-old")
+    folder.rename(aside)
+    staging.rename(folder)
+    aside.rename(staging)

@@ -1,0 +1,94 @@
+"""The manifest of a generated model: the contract between generated code and this runtime."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pfaffian.runtime.errors import InputError
+
+#: Version of the layout of generated structures and functions; `runtime/c` checks it too.
+ABI_VERSION = 1
+MANIFEST_NAME = "manifest.json"
+
+
+@dataclass(frozen=True)
+class Field:
+    """A structure member: name, C type (`double` or `uint32_t`), unit and meaning."""
+
+    name: str
+    type: str
+    unit: str
+    description: str
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A generated C structure with its members in order."""
+
+    name: str
+    fields: tuple[Field, ...]
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the members in order."""
+        return tuple(f.name for f in self.fields)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What one generation consists of; written by the emitter, read by the runtime."""
+
+    abi: int
+    model: str
+    title: str
+    source: str
+    model_sha256: str
+    parameters_sha256: str
+    tools: Mapping[str, str]
+    coordinates: tuple[str, ...]
+    actuators: tuple[str, ...]
+    status: tuple[str, ...]
+    structures: Mapping[str, Structure]
+    parameter_sets: Mapping[str, Mapping[str, float]]
+    set_titles: Mapping[str, str]
+    domain: Mapping[str, float]
+    operations: Mapping[str, int]
+    files: Mapping[str, str]
+
+    def to_json(self) -> str:
+        """Return the manifest as JSON; floats are written so that they read back to the bit."""
+        return json.dumps(asdict(self), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read the manifest of the generated model in `folder`.
+
+    Raises `InputError` where there is none, it is malformed, or its ABI is another one.
+    """
+    path = folder / MANIFEST_NAME
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        structures = {
+            key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
+            for key, s in document.pop("structures").items()
+        }
+        for key in ("coordinates", "actuators", "status"):
+            document[key] = tuple(document[key])
+        manifest = Manifest(structures=structures, **document)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror})",
+            remedy="generate the model first: pfaffian generate MODEL",
+        ) from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{path}: is not a manifest of this version ({error})", remedy="regenerate the model"
+        ) from error
+    if manifest.abi != ABI_VERSION:
+        raise InputError(
+            f"{path}: ABI {manifest.abi}, this runtime needs {ABI_VERSION}",
+            remedy="regenerate the model",
+        )
+    return manifest

@@ -1,0 +1,1 @@
+"""Jinja templates, one per generated file, by language: text and loops only."""
