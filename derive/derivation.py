@@ -19,7 +19,7 @@ from pfaffian.derive.control import (
 from pfaffian.derive.dimensions import dimension_of, unit_product
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
-from pfaffian.derive.quantity import unit_registry
+from pfaffian.runtime.quantity import unit_registry
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError

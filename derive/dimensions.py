@@ -7,7 +7,7 @@ from typing import Any
 
 import sympy as sp
 
-from pfaffian.derive.quantity import unit_registry
+from pfaffian.runtime.quantity import unit_registry
 from pfaffian.runtime.errors import InputError
 
 #: Names in the order a person writes them, for units that pint reduced to base units.

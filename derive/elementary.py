@@ -29,12 +29,12 @@ QUIET_NAN_BITS = 0x7FF8000000000000
 #: Error in units in the last place that each emitted function stays below (tested).
 ULP_BOUNDS: dict[str, float] = {
     "sqrt": 0.5,
-    "sin": 0.6,
-    "cos": 0.6,
-    "atan": 0.6,
-    "exp": 0.6,
-    "expm1": 0.6,
-    "tanh": 0.6,
+    "sin": 0.8,
+    "cos": 0.8,
+    "atan": 0.65,
+    "exp": 0.65,
+    "expm1": 0.95,
+    "tanh": 0.8,
 }
 
 #: Adding it to |v| < 2^51 rounds v to an integer, which the low word of the sum then holds.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pfaffian.derive.parameters import suggestion
+from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import InputError, PfaffianError
 
 if TYPE_CHECKING:

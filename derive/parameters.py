@@ -7,14 +7,13 @@ value out of bounds are each refused with the file and the key.
 
 from __future__ import annotations
 
-import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfaffian.derive.quantity import parse_quantity
+from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.quantity import parse_quantity
 
 #: TOML table of each parameter group.
 TABLES = {
@@ -73,29 +72,6 @@ class RawSet:
     path: str
     values: Mapping[str, float]
     poles: tuple[complex, ...] = ()
-
-
-def read_toml(path: Path) -> dict[str, object]:
-    """Return the document in `path`; raise `InputError` where it is unreadable or malformed."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror})", remedy="check the path and its rights"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text", remedy="save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(
-            f"{path}: is not valid TOML: {error}", remedy="mend the line named in the message"
-        ) from error
-
-
-def suggestion(word: str, known: list[str]) -> str:
-    """Return a remedy that names the nearest known word, and all of them."""
-    near = difflib.get_close_matches(word, known, n=1)
-    lead = f"did you mean {near[0]}? " if near else ""
-    return f"{lead}known: {', '.join(known)}"
 
 
 def _parse_poles(raw: object, where: str) -> tuple[complex, ...]:

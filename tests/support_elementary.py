@@ -14,7 +14,6 @@ import gmpy2
 import jinja2
 import numpy as np
 import numpy.typing as npt
-
 import pfaffian.templates
 from pfaffian.derive.elementary import render_context
 

@@ -81,6 +81,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "continuous": _body(model.program("continuous"), controller),
         "acceleration": _body(model.program("acceleration"), plant),
         "energy": _body(model.program("energy"), plant),
+        "setpoint": _body(model.program("setpoint"), controller),
         "input_gain": _body(model.program("input_gain"), controller),
     }
     return {

@@ -1,0 +1,32 @@
+"""TOML documents: read them, and say what is wrong with them."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+
+from pfaffian.runtime.errors import InputError
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """Return the document in `path`; raise `InputError` where it is unreadable or malformed."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror})", remedy="check the path and its rights"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text", remedy="save it as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f"{path}: is not valid TOML: {error}", remedy="mend the line named in the message"
+        ) from error
+
+
+def suggestion(word: str, known: list[str]) -> str:
+    """Return a remedy that names the nearest known word, and all of them."""
+    near = difflib.get_close_matches(word, known, n=1)
+    lead = f"did you mean {near[0]}? " if near else ""
+    return f"{lead}known: {', '.join(known)}"

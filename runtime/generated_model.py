@@ -1,0 +1,205 @@
+"""A generated model on a machine: its functions on NumPy structures."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from pfaffian.runtime.documents import suggestion
+from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.layout import layout_of
+from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
+from pfaffian.runtime.manifest import MANIFEST_NAME, Manifest, read_manifest
+from pfaffian.runtime.toolchain import (
+    compile_image,
+    harness_sources,
+    host_target,
+    ppc750_target,
+)
+
+Records = np.ndarray[Any, Any]
+#: Roles in the order in which `pf_sizeof` of the harness numbers them.
+ROLES = (
+    "params", "input", "state", "output", "continuous_state", "continuous_output",
+    "plant_params", "plant_state", "plant_input", "plant_rate",
+)
+
+
+@dataclass(frozen=True)
+class GeneratedFolder:
+    """A folder that holds one generation, with its manifest."""
+
+    path: Path
+    manifest: Manifest
+
+    def parameters(self, name: str) -> dict[str, float]:
+        """Return the parameter set called `name`; raise `InputError` if there is none."""
+        sets = self.manifest.parameter_sets
+        if name not in sets:
+            raise InputError(
+                f"{self.path}: the generated {self.manifest.model} has no parameter set {name}",
+                remedy=suggestion(name, sorted(sets)),
+            )
+        return dict(sets[name])
+
+    def python_module(self) -> ModuleType:
+        """Import the generated NumPy module from this folder."""
+        path = self.path / f"{self.manifest.model}.py"
+        found = importlib.util.spec_from_file_location(
+            f"_pfaffian_generated_{self.manifest.model}", path
+        )
+        if found is None or found.loader is None or not path.is_file():
+            raise InputError(f"{path}: is missing", remedy="regenerate the model")
+        module = importlib.util.module_from_spec(found)
+        found.loader.exec_module(module)
+        return module
+
+
+def generated_models() -> dict[str, Path]:
+    """Return the folders of the generated models that come with this package, by name."""
+    root = Path(str(files("pfaffian.generated")))
+    return {p.parent.name: p.parent for p in sorted(root.glob(f"*/{MANIFEST_NAME}"))}
+
+
+def open_generated(reference: str) -> GeneratedFolder:
+    """Return the generated model called `reference`, or the one in the folder of that path."""
+    known = generated_models()
+    path = known.get(reference, Path(reference))
+    if not (path / MANIFEST_NAME).is_file():
+        raise InputError(
+            f"no generated model {reference}",
+            remedy=f"{suggestion(reference, sorted(known))}; or generate it first",
+        )
+    return GeneratedFolder(path, read_manifest(path))
+
+
+class GeneratedModel:
+    """The C functions of a generated model on one machine.
+
+    Structures are NumPy structured arrays of shape (k,) in native byte order, one record a sample;
+    what a function writes is written in place.
+    """
+
+    def __init__(self, folder: GeneratedFolder, machine: Machine) -> None:
+        """Check that the image on `machine` agrees with the manifest, byte order and sizes."""
+        self.folder, self.machine = folder, machine
+        structures = folder.manifest.structures
+        self._native = {role: layout_of(structures[role]) for role in ROLES}
+        self._there = {role: layout_of(structures[role], machine.byte_order) for role in ROLES}
+        fault = machine.call("pf_target_check")
+        if fault:
+            raise CheckError(
+                f"{machine.name}: the target's arithmetic is not what the code assumes "
+                f"(fault {fault:#x})",
+                remedy="use IEEE double, round to nearest, subnormals kept",
+            )
+        for number, role in enumerate(ROLES):
+            size = machine.call("pf_sizeof", number)
+            if size != self._there[role].itemsize:
+                raise CheckError(
+                    f"{machine.name}: {structures[role].name} has {size} bytes in the image, "
+                    f"{self._there[role].itemsize} in the manifest",
+                    remedy="regenerate and build again",
+                )
+
+    @cached_property
+    def _same_order(self) -> bool:
+        return self.machine.byte_order == "="
+
+    def records(self, role: str, count: int = 1) -> Records:
+        """Return `count` zeroed records of the structure of `role`."""
+        return np.zeros(count, self._native[role])
+
+    def _call(self, function: str, count: int, *arguments: tuple[Records, str, bool] | int) -> None:
+        """Call a batch function; each array comes with its role and whether it is written."""
+        passed: list[Records | int] = [count]
+        written: list[tuple[Records, Records]] = []
+        for argument in arguments:
+            if isinstance(argument, int):
+                passed.append(argument)
+                continue
+            array, role, changes = argument
+            if self._same_order:
+                passed.append(array)
+                continue
+            kind = self._there.get(role) or np.dtype(self.machine.byte_order + role)
+            there = array.astype(kind)
+            there.flags.writeable = changes
+            passed.append(there)
+            if changes:
+                written.append((array, there))
+        self.machine.call(function, *passed)
+        for array, there in written:
+            array[...] = there
+
+    def init(self, state: Records, params: Records, status: Records) -> None:
+        """Prepare states for their first period; `status` is int32 of shape (k,)."""
+        self._call("pf_batch_init", len(state), (state, "state", True),
+                   (params, "params", False), (status, "i4", True))
+
+    def step(
+        self, state: Records, params: Records, measured: Records, output: Records, status: Records
+    ) -> None:
+        """Advance the sampled law by one period."""
+        self._call("pf_batch_step", len(state), (state, "state", True), (params, "params", False),
+                   (measured, "input", False), (output, "output", True), (status, "i4", True))
+
+    def continuous(
+        self, state: Records, params: Records, measured: Records, output: Records
+    ) -> None:
+        """Evaluate the continuous law."""
+        self._call("pf_batch_continuous", len(state), (state, "continuous_state", False),
+                   (params, "params", False), (measured, "input", False),
+                   (output, "continuous_output", True))
+
+    def acceleration(
+        self, params: Records, state: Records, applied: Records, rate: Records
+    ) -> None:
+        """Evaluate the forward dynamics of the plant."""
+        self._call("pf_batch_acceleration", len(state), (params, "plant_params", False),
+                   (state, "plant_state", False), (applied, "plant_input", False),
+                   (rate, "plant_rate", True))
+
+    def energy(self, params: Records, state: Records, energy: Records) -> None:
+        """Evaluate T + V; `energy` is float64 of shape (k,)."""
+        self._call("pf_batch_energy", len(state), (params, "plant_params", False),
+                   (state, "plant_state", False), (energy, "f8", True))
+
+    def plant_step(
+        self, state: Records, params: Records, applied: Records, step: Records, substeps: int
+    ) -> None:
+        """Advance the plant by `substeps` Runge-Kutta steps of `step` seconds."""
+        self._call("pf_batch_plant_step", len(state), (state, "plant_state", True),
+                   (params, "plant_params", False), (applied, "plant_input", False),
+                   (step, "f8", False), substeps)
+
+
+def host_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedModel:
+    """Build `folder` for this machine and load it."""
+    sources = harness_sources(folder.path, folder.manifest)
+    return GeneratedModel(
+        folder, HostMachine(compile_image(host_target(toolchain), sources, folder.path / "c"))
+    )
+
+
+def ppc750_model(folder: GeneratedFolder) -> GeneratedModel:
+    """Build `folder` for the PowerPC 750 and load it into the emulator."""
+    sources = harness_sources(folder.path, folder.manifest)
+    image = compile_image(
+        ppc750_target(), sources, folder.path / "c", ("-Wl,-e,pf_target_check",)
+    )
+    return GeneratedModel(folder, Ppc750Machine(image))
+
+
+def fill_records(records: Records, values: dict[str, float]) -> Records:
+    """Write `values` into every record, by member name, and return `records`."""
+    for name in records.dtype.names or ():
+        records[name] = values[name]
+    return records

@@ -1,0 +1,187 @@
+"""Scenarios: which model and parameters fly, from where, against what, for how long."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from pfaffian.runtime.documents import read_toml, suggestion
+from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.generated_model import GeneratedFolder, open_generated
+from pfaffian.runtime.manifest import Structure
+from pfaffian.runtime.quantity import parse_quantity
+
+_TABLES = ("initial", "controller", "plant")
+_TOP = ("title", "source", "model", "set", "duration", "plant_substeps", *_TABLES)
+_MAX_STEPS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A flight: all values in SI units.
+
+    `initial` holds q and q' by name, `controller` the controller's parameters, `plant` those of
+    the simulated plant, both complete. The plant advances by `plant_substeps` Runge-Kutta steps a
+    period.
+    """
+
+    name: str
+    title: str
+    source: str
+    folder: GeneratedFolder
+    set_name: str
+    steps: int
+    plant_substeps: int
+    initial: Mapping[str, float]
+    controller: Mapping[str, float]
+    plant: Mapping[str, float]
+    setpoint: Mapping[str, float]
+
+    @property
+    def sample_time(self) -> float:
+        """Return the period in seconds."""
+        return self.controller["sample_time"]
+
+
+def scenario_paths() -> dict[str, Path]:
+    """Return the scenarios that come with this package, by name."""
+    root = Path(str(files("pfaffian.runtime"))) / "scenarios"
+    return {p.stem: p for p in sorted(root.glob("*.toml"))}
+
+
+def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
+    """Read the scenario called `reference`, or the one in that file.
+
+    `generated` replaces the folder of the generated model. Raises `InputError` for an unknown
+    scenario, model, set or key, a wrong unit, and a start inside the singular set or cut off from
+    the setpoint by it.
+    """
+    known = scenario_paths()
+    path = known.get(reference, Path(reference))
+    if reference not in known and not path.is_file():
+        raise InputError(f"unknown scenario {reference}", remedy=suggestion(reference, list(known)))
+    document = read_toml(path)
+    _check_keys(document, path)
+    folder = open_generated(str(generated or _text(document, "model", path)))
+    set_name = _text(document, "set", path)
+    parameters = folder.parameters(set_name)
+    structures = folder.manifest.structures
+    controller = parameters | _quantities(document, "controller", structures["params"], path)
+    plant = parameters | _quantities(document, "plant", structures["plant_params"], path)
+    initial = dict.fromkeys(structures["plant_state"].names(), 0.0)
+    initial |= _quantities(document, "initial", structures["plant_state"], path)
+    scenario = Scenario(
+        name=path.stem,
+        title=str(document.get("title", path.stem)),
+        source=str(document.get("source", "")),
+        folder=folder,
+        set_name=set_name,
+        steps=_steps(document, controller["sample_time"], path),
+        plant_substeps=_substeps(document, path),
+        initial=initial,
+        controller={n: controller[n] for n in structures["params"].names()},
+        plant={n: plant[n] for n in structures["plant_params"].names()},
+        setpoint=_setpoint(folder, controller),
+    )
+    _check_domain(scenario, path)
+    _check_start(scenario, path)
+    return scenario
+
+
+def _check_keys(document: Mapping[str, object], path: Path) -> None:
+    for key in document:
+        if key not in _TOP:
+            raise InputError(f"{path}: unknown key {key}", remedy=suggestion(key, list(_TOP)))
+    for key in ("model", "set", "duration", "initial"):
+        if key not in document:
+            raise InputError(f"{path}: missing {key}", remedy=f"add {key} to the scenario")
+    for key in _TABLES:
+        if not isinstance(document.get(key, {}), dict):
+            raise InputError(f"{path}: {key} must be a table", remedy=f"write [{key}] above it")
+
+
+def _text(document: Mapping[str, object], key: str, path: Path) -> str:
+    value = document[key]
+    if not isinstance(value, str):
+        raise InputError(f"{path}: {key} must be a string", remedy=f'write {key} = "..."')
+    return value
+
+
+def _quantities(
+    document: Mapping[str, object], table: str, structure: Structure, path: Path
+) -> dict[str, float]:
+    raw = document.get(table, {})
+    units = {f.name: f.unit for f in structure.fields}
+    values = {}
+    for key, value in raw.items():  # type: ignore[attr-defined]
+        if key not in units:
+            raise InputError(
+                f"{path}: unknown key {table}.{key}", remedy=suggestion(key, list(units))
+            )
+        values[key] = parse_quantity(value, units[key], f"{path}: {table}.{key}")
+    return values
+
+
+def _steps(document: Mapping[str, object], sample_time: float, path: Path) -> int:
+    where = f"{path}: duration"
+    duration = parse_quantity(document["duration"], "s", where)
+    steps = round(duration / sample_time) if sample_time > 0.0 else 0
+    if not 1 <= steps <= _MAX_STEPS:
+        raise InputError(
+            f"{where}: {duration:g} s are {steps} periods of {sample_time:g} s",
+            remedy=f"choose 1 to {_MAX_STEPS} periods",
+        )
+    return steps
+
+
+def _substeps(document: Mapping[str, object], path: Path) -> int:
+    value = document.get("plant_substeps", 10)
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10_000:
+        raise InputError(
+            f"{path}: plant_substeps = {value!r} is no count", remedy="give 1 to 10000"
+        )
+    return value
+
+
+def _setpoint(folder: GeneratedFolder, controller: Mapping[str, float]) -> dict[str, float]:
+    module = folder.python_module()
+    names = folder.manifest.structures["params"].names()
+    point = module.setpoint(module.Params(**{n: controller[n] for n in names}))
+    return {name: float(value) for name, value in point.items()}
+
+
+def _check_domain(scenario: Scenario, path: Path) -> None:
+    for name, bound in scenario.folder.manifest.domain.items():
+        if abs(scenario.initial[name]) > bound:
+            raise InputError(
+                f"{path}: initial.{name} = {scenario.initial[name]:g} is beyond the controller's "
+                f"domain of {bound:g}",
+                remedy="start within the domain",
+            )
+
+
+def _check_start(scenario: Scenario, path: Path) -> None:
+    """Follow ADB on the straight way from the start to the setpoint: it must keep its sign."""
+    module = scenario.folder.python_module()
+    params = module.Params(**scenario.controller)
+    goal = dict.fromkeys(scenario.initial, 0.0) | dict(scenario.setpoint)
+    way = np.linspace(0.0, 1.0, 1001)
+    point = {n: v + way * (goal[n] - v) for n, v in scenario.initial.items()}
+    gain = np.broadcast_to(module.input_gain(params, module.Input(**point)), way.shape)
+    least = scenario.controller["singular_threshold"]
+    bad = (np.abs(gain) < least) | (np.sign(gain) != np.sign(gain[-1]))
+    if not bad.any():
+        return
+    index = int(np.argmax(bad)) if bad[0] else int(np.flatnonzero(bad)[-1])
+    where = ", ".join(f"{n} = {point[n][index]:.4g}" for n in scenario.folder.manifest.coordinates)
+    what = "the start lies in the singular set" if bad[0] else (
+        "the singular set lies between the start and the setpoint")
+    raise InputError(
+        f"{path}: {what}: ADB = {gain[index]:.4g} at {where}, "
+        f"ADB = {gain[-1]:.4g} at the setpoint",
+        remedy="start nearer to the setpoint, or take gains with a wider regular region",
+    )
