@@ -64,8 +64,13 @@ class BlockBuilder:
     def define(
         self, name: str, expression: sp.Basic, description: str, unit: str = ""
     ) -> sp.Symbol:
-        """Name an intermediate value and return its symbol."""
+        """Name an intermediate value and return its symbol; the same value is named once."""
         symbol = sp.Symbol(name, real=True)
+        for definition in self._definitions:
+            if definition.symbol == symbol:
+                if definition.expression != expression:
+                    raise ValueError(f"{self._name}: {name} is defined twice")
+                return symbol
         self._definitions.append(Definition(symbol, expression, unit, description))
         return symbol
 

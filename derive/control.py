@@ -7,6 +7,7 @@ diverges as soon as T kappa (ADB)^2 exceeds 2, the implicit one never does.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -61,23 +62,51 @@ def take_parameters(builder: BlockBuilder, spec: ModelSpec, *groups: str) -> Non
         builder.take(symbol_of(p), p.unit, p.description, "parameter")
 
 
+def define_trigonometry(
+    builder: BlockBuilder, expressions: Iterable[sp.Basic]
+) -> dict[sp.Basic, sp.Symbol]:
+    """Define every sine and cosine in `expressions`, and their arguments where those are sums.
+
+    Returns the mapping to substitute. Named values are rounded once and used often.
+    """
+    found = sorted(
+        set().union(*(e.atoms(sp.sin, sp.cos) for e in expressions)), key=sp.default_sort_key
+    )
+    known: dict[sp.Basic, sp.Symbol] = {}
+    for function in found:
+        argument = function.args[0]
+        if argument not in known and not argument.is_Symbol:
+            words = "_plus_".join(sorted(s.name for s in argument.free_symbols))
+            plain = argument == sum(argument.free_symbols)
+            name = words if plain else f"angle{len(known) + 1}"
+            known[argument] = builder.define(name, argument, "angle", "rad")
+        angle = known.get(argument, argument)
+        known[function] = builder.define(
+            f"{function.func.__name__}_{angle.name}", function.func(angle), ""
+        )
+    return known
+
+
 def define_dynamics(
     builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics
 ) -> tuple[sp.Matrix, sp.Symbol, sp.Matrix]:
     """Define M, det M and the bias h = C q' + G; return (M, det M, h) in the names defined."""
     n = len(spec.coordinates)
+    raw = dynamics.coriolis_matrix * sp.Matrix(spec.velocities) + dynamics.gravity
+    named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
     mass = sp.zeros(n, n)
     for i in range(n):
         for j in range(i, n):
             mass[i, j] = mass[j, i] = builder.define(
-                f"m{i + 1}{j + 1}", dynamics.mass_matrix[i, j], "mass matrix, (1)", "kg*m^2"
+                f"m{i + 1}{j + 1}", dynamics.mass_matrix[i, j].xreplace(named),
+                "mass matrix, (1)", "kg*m^2",
             )
     # Expanded in the parameters: the products of entries cancel most of each other's digits.
-    expanded = sp.expand(dynamics.mass_matrix.det())
+    expanded = sp.expand(dynamics.mass_matrix.det()).xreplace(named)
     det = builder.define("det_m", expanded, "determinant of the mass matrix")
-    bias = dynamics.coriolis_matrix * sp.Matrix(spec.velocities) + dynamics.gravity
     names = [
-        builder.define(f"bias{i + 1}", bias[i], "row of C q' + G, (1)", "N*m") for i in range(n)
+        builder.define(f"bias{i + 1}", raw[i].xreplace(named), "row of C q' + G, (1)", "N*m")
+        for i in range(n)
     ]
     return mass, det, sp.Matrix(names)
 

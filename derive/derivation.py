@@ -11,6 +11,7 @@ from pfaffian.derive.constraint import Constraint, servo_constraint
 from pfaffian.derive.control import (
     continuous_law,
     define_dynamics,
+    define_trigonometry,
     prepared_values,
     sampled_law,
     take_measurement,
@@ -134,7 +135,12 @@ def _energy(spec: ModelSpec, dynamics: Dynamics) -> Block:
     builder = BlockBuilder("energy", f"{spec.title}: total energy")
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
-    builder.give("energy", dynamics.kinetic_energy + dynamics.potential_energy, "J", "T + V")
+    mass, _, _ = define_dynamics(builder, spec, dynamics)
+    rates = sp.Matrix(spec.velocities)
+    kinetic = builder.define("kinetic", (rates.T * mass * rates)[0] / 2, "q'^T M q'/2", "J")
+    named = define_trigonometry(builder, [dynamics.potential_energy])
+    potential = builder.define("potential", dynamics.potential_energy.xreplace(named), "V", "J")
+    builder.give("energy", kinetic + potential, "J", "T + V")
     return builder.build()
 
 

@@ -58,13 +58,13 @@ class _Writer:
         self.paired = self._sine_cosine_pairs() if dialect.pairs_sine_and_cosine else {}
         self.done_pairs: dict[int, tuple[str, str]] = {}
 
-    def _sine_cosine_pairs(self) -> dict[int, str]:
-        """Return the arguments of which both sine and cosine are taken."""
-        seen: dict[int, set[Op]] = {}
+    def _sine_cosine_pairs(self) -> dict[int, dict[Op, str]]:
+        """Return the arguments of which both sine and cosine are taken, with their names."""
+        seen: dict[int, dict[Op, str]] = {}
         for i in self.program.instructions:
             if i.op in (Op.SIN, Op.COS):
-                seen.setdefault(i.args[0], set()).add(i.op)
-        return {arg: "" for arg, ops in seen.items() if len(ops) == 2}
+                seen.setdefault(i.args[0], {})[i.op] = i.name
+        return {arg: names for arg, names in seen.items() if len(names) == 2}
 
     def write(self) -> list[Statement]:
         for index, instruction in enumerate(self.program.instructions):
@@ -82,8 +82,11 @@ class _Writer:
     def _pair(self, instruction: Instruction) -> _Text:
         argument = instruction.args[0]
         if argument not in self.done_pairs:
-            suffix = self._suffix(argument)
-            names = (self._fresh(f"sin_{suffix}"), self._fresh(f"cos_{suffix}"))
+            given, suffix = self.paired[argument], self._suffix(argument)
+            names = (
+                given[Op.SIN] or self._fresh(f"sin_{suffix}"),
+                given[Op.COS] or self._fresh(f"cos_{suffix}"),
+            )
             self.done_pairs[argument] = names
             self.statements.append(
                 Statement("sincos", names[0], names[1], self.texts[argument].text, "")

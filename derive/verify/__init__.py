@@ -1,0 +1,1 @@
+"""Verification: generated code against the symbolic source at 60 digits."""

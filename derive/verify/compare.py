@@ -1,0 +1,199 @@
+"""The comparison: every function of the generated code, in every language, on the same samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from pfaffian.derive.block import Block
+from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.verify.condition import Condition
+from pfaffian.derive.verify.oracle import Oracle, absolute_error
+from pfaffian.derive.verify.sampling import draw
+
+Array = np.ndarray[Any, Any]
+#: Functions of the generated code, by the block each was lowered from.
+FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy")
+#: What a correct build stays below, in condition-scaled units in the last place.
+LIMIT_ULP = 4.0
+_CHUNK = 5_000
+_SEED = 20_260_101
+
+
+class Subject(Protocol):
+    """Generated code in one language or on one machine."""
+
+    name: str
+
+    def evaluate(self, function: str, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the outputs of `function` by name, float64 of shape (N,)."""
+
+
+@dataclass(frozen=True)
+class FunctionResult:
+    """The worst scaled error of one function in one language, and where it was."""
+
+    function: str
+    language: str
+    samples: int
+    worst_scaled_ulp: float
+    output: str
+    at: Mapping[str, float]
+    worst_input_scaled_ulp: float
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification found; `passed` is judged against `LIMIT_ULP` and zero mismatches."""
+
+    samples: int
+    worst_scaled_ulp: float
+    target_samples: int
+    target_mismatches: int
+    undecided: int
+    functions: tuple[FunctionResult, ...]
+    branches: Mapping[str, float]
+
+    @property
+    def passed(self) -> bool:
+        """Return whether every error is below the limit and host and target agree in all bits."""
+        return self.worst_scaled_ulp <= LIMIT_ULP and self.target_mismatches == 0
+
+    def as_json(self) -> dict[str, object]:
+        """Return the document `pfaffian verify --json` prints."""
+        return {**asdict(self), "limit_ulp": LIMIT_ULP, "passed": self.passed}
+
+
+@dataclass
+class _Tally:
+    """Running worst case of one function in one language."""
+
+    worst: float = -1.0
+    output: str = ""
+    at: Mapping[str, float] | None = None
+    worst_by_input: float = 0.0
+
+
+def verify(
+    derivation: Derivation,
+    model: LoweredModel,
+    sets: Sequence[Mapping[str, float]],
+    subjects: Sequence[Subject],
+    target: Subject | None,
+    samples: int,
+    target_samples: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Verification:
+    """Compare `subjects` with the oracle on `samples` inputs of every function.
+
+    The first subject that is not Python is the host whose bits `target` must repeat on the first
+    `target_samples` inputs. The same seed gives the same samples on every machine.
+    """
+    tallies: dict[tuple[str, str], _Tally] = {}
+    everyone = [*subjects, *([target] if target else [])]
+    mismatches = undecided = compared = done = 0
+    branches: dict[str, float] = {}
+    for function in FUNCTIONS:
+        block = derivation.block(function)
+        judge = _Judge(block, Oracle(block), Condition(block))
+        rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
+        for start in range(0, samples, _CHUNK):
+            count = min(_CHUNK, samples - start)
+            values = draw(model, block.inputs, sets, count, rng)
+            for_target = max(0, min(count, target_samples - start)) if target else 0
+            computed = _computed(function, values, subjects, target, for_target)
+            undecided += judge.update(values, computed, tallies)
+            if target and for_target:
+                mismatches += _mismatches(computed, _host(subjects).name, target.name, for_target)
+                compared += for_target if function == "step" else 0
+            _count_branches(branches, block, judge.last_exact, samples)
+            done += count
+            if progress:
+                progress(done, samples * len(FUNCTIONS))
+    results = tuple(
+        FunctionResult(f, s.name, target_samples if s is target else samples, t.worst, t.output,
+                       t.at or {}, t.worst_by_input)
+        for f in FUNCTIONS for s in everyone if (t := tallies.get((f, s.name))) is not None
+    )
+    return Verification(
+        samples, max(r.worst_scaled_ulp for r in results), compared, mismatches, undecided,
+        results, branches,
+    )
+
+
+def _host(subjects: Sequence[Subject]) -> Subject:
+    return next(s for s in subjects if s.name != "python")
+
+
+def _computed(
+    function: str, values: Mapping[str, Array], subjects: Sequence[Subject],
+    target: Subject | None, for_target: int,
+) -> dict[str, dict[str, Array]]:
+    computed = {s.name: s.evaluate(function, values) for s in subjects}
+    if target and for_target:
+        part = {n: v[:for_target] for n, v in values.items()}
+        computed[target.name] = target.evaluate(function, part)
+    return computed
+
+
+def _mismatches(
+    computed: Mapping[str, Mapping[str, Array]], host: str, target: str, count: int
+) -> int:
+    """Return in how many samples any output differs in any bit."""
+    differs = np.zeros(count, bool)
+    for name, there in computed[target].items():
+        here = computed[host][name][:count]
+        differs |= here.view(np.uint64) != there.view(np.uint64)
+    return int(differs.sum())
+
+
+class _Judge:
+    """Holds the oracle and condition of one block, and updates the tallies."""
+
+    def __init__(self, block: Block, oracle: Oracle, condition: Condition) -> None:
+        self.block, self.oracle, self.condition = block, oracle, condition
+        self.last_exact: dict[str, Array] = {}
+
+    def update(
+        self, values: Mapping[str, Array], computed: Mapping[str, Mapping[str, Array]],
+        tallies: dict[tuple[str, str], _Tally],
+    ) -> int:
+        """Compare one chunk; return how many samples sat on a branch boundary and were left out."""
+        names = list(values)
+        rows = zip(*(values[n].tolist() for n in names), strict=True)
+        answers = [self.oracle(dict(zip(names, row, strict=True))) for row in rows]
+        clear = np.array([c for _, c in answers])
+        named, by_input = self.condition(values)
+        for k, signal in enumerate(self.block.outputs):
+            exact = [outputs[k] for outputs, _ in answers]
+            self.last_exact[signal.name] = np.array([float(v) for v in exact])
+            size_of = np.abs(self.last_exact[signal.name])
+            units = np.spacing(np.maximum(size_of, named[signal.name]))
+            strict_units = np.spacing(np.maximum(size_of, by_input[signal.name]))
+            for language, outputs in computed.items():
+                column = outputs[signal.name]
+                size = len(column)
+                errors = np.where(clear[:size], absolute_error(column, exact[:size]), 0.0)
+                scaled = errors / units[:size]
+                tally = tallies.setdefault((self.block.name, language), _Tally())
+                strict = float((errors / strict_units[:size]).max())
+                tally.worst_by_input = max(tally.worst_by_input, strict)
+                worst = int(np.argmax(scaled))
+                if scaled[worst] > tally.worst:
+                    tally.worst, tally.output = float(scaled[worst]), signal.name
+                    tally.at = {n: float(values[n][worst]) for n in names}
+        return int((~clear).sum())
+
+
+def _count_branches(
+    branches: dict[str, float], block: Block, exact: Mapping[str, Array], samples: int
+) -> None:
+    """Add up which share of the samples took each flagged branch."""
+    for signal in block.outputs:
+        if signal.group == "flag":
+            share = float(np.count_nonzero(exact[signal.name])) / samples
+            branches[signal.name] = round(branches.get(signal.name, 0.0) + share, 12)

@@ -1,0 +1,109 @@
+"""Random inputs of a block: half around the known parameter sets, half over the whole domain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.program import Signal, evaluate
+
+Array = np.ndarray[Any, Any]
+#: Smallest magnitude drawn where a bound is zero, and largest for states that have no bound.
+_SMALL, _LARGE = 1e-6, 1e4
+
+
+def draw(
+    model: LoweredModel,
+    inputs: Sequence[Signal],
+    sets: Sequence[Mapping[str, float]],
+    count: int,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    """Return `count` samples of each input by name, float64 of shape (count,).
+
+    Parameters are redrawn until the mass matrix is positive definite at the sampled configuration.
+    """
+    wide = _wide(model, inputs, count, rng)
+    near = _near(inputs, wide, sets, count, rng)
+    local = rng.random(count) < 0.5
+    values = {n: np.where(local, near[n], wide[n]) for n in wide}
+    for _ in range(200):
+        bad = np.flatnonzero(~_is_physical(model, values))
+        if not len(bad):
+            return values
+        again = _wide(model, inputs, len(bad), rng)
+        for name, column in values.items():
+            column[bad] = again[name]
+    raise RuntimeError("no physical parameters found in 200 draws")
+
+
+def _wide(
+    model: LoweredModel, inputs: Sequence[Signal], count: int, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Draw over the whole stated domain: angles evenly, magnitudes evenly in their logarithm."""
+    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
+    domain = {c.name: c.bound for c in model.coordinates}
+    domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
+    values = {}
+    for signal in inputs:
+        if signal.name in domain:
+            values[signal.name] = rng.uniform(-1.0, 1.0, count) * domain[signal.name]
+        elif signal.name == "engaged":
+            values[signal.name] = rng.integers(0, 2, count).astype(float)
+        elif signal.name == "leakage_decay":
+            values[signal.name] = rng.uniform(0.0, 1.0, count)
+        elif signal.group == "parameter":
+            values[signal.name] = _within(*bounds[signal.name], count, rng)
+        else:
+            low = 0.0 if signal.name in ("bound_estimate", "adaptation_step") else -_LARGE
+            values[signal.name] = _within(low, _LARGE, count, rng)
+    return values
+
+
+def _within(lower: float, upper: float, count: int, rng: np.random.Generator) -> Array:
+    """Draw magnitudes evenly in their logarithm; both signs where the interval has both."""
+    least = lower if lower > 0.0 else min(_SMALL, upper * 1e-3)
+    magnitude = np.exp(rng.uniform(math.log(least), math.log(upper), count))
+    if lower < 0.0:
+        magnitude *= rng.choice([-1.0, 1.0], count)
+    return magnitude
+
+
+def _near(
+    inputs: Sequence[Signal],
+    wide: Mapping[str, Array],
+    sets: Sequence[Mapping[str, float]],
+    count: int,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    """Draw around the parameter sets: parameters within 30 %, motions of a few turns a second."""
+    which = rng.integers(0, len(sets), count)
+    values = {}
+    for signal in inputs:
+        if signal.group == "parameter":
+            base = np.array([s[signal.name] for s in sets])[which]
+            values[signal.name] = base * rng.uniform(0.7, 1.3, count)
+        elif signal.group in ("input", "torque"):
+            values[signal.name] = rng.normal(0.0, 3.0, count)
+        elif signal.name in ("engaged", "leakage_decay"):
+            values[signal.name] = wide[signal.name]
+        else:
+            values[signal.name] = np.abs(rng.normal(0.0, 3.0, count)) * np.sign(wide[signal.name])
+    return values
+
+
+def _is_physical(model: LoweredModel, values: Mapping[str, Array]) -> Array:
+    program = model.program("mass_minors")
+    names = [s.name for s in program.inputs]
+    count = len(next(iter(values.values())))
+    if not set(names) <= set(values):
+        return np.ones(count, bool)
+    columns = zip(*(values[n].tolist() for n in names), strict=True)
+    return np.array([
+        all(m > 0.0 for m in evaluate(program, dict(zip(names, row, strict=True))).values())
+        for row in columns
+    ])

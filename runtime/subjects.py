@@ -1,0 +1,128 @@
+"""Generated code as something to verify: named inputs in, named outputs out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel, Records
+
+Array = np.ndarray[Any, Any]
+
+
+def _defaults(folder: GeneratedFolder) -> dict[str, float]:
+    """Return some valid value for every parameter, for those a function does not look at."""
+    return dict(next(iter(folder.manifest.parameter_sets.values())))
+
+
+class MachineSubject:
+    """The C functions on a machine."""
+
+    def __init__(self, model: GeneratedModel, name: str) -> None:
+        """Name the subject; `c-host` or `c-ppc750` by custom."""
+        self.model, self.name = model, name
+
+    def evaluate(self, function: str, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the outputs of `function` by name, float64 of shape (N,)."""
+        run = getattr(self, f"_{function}")
+        result: dict[str, Array] = run(values, len(next(iter(values.values()))))
+        return result
+
+    def _filled(self, role: str, values: Mapping[str, Array], count: int) -> Records:
+        records = self.model.records(role, count)
+        known = {**_defaults(self.model.folder), **values}
+        for name in records.dtype.names or ():
+            if name in known:
+                records[name] = known[name]
+        return records
+
+    def _step(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        state, params = (self._filled(r, values, count) for r in ("state", "params"))
+        output, status = self.model.records("output", count), np.zeros(count, np.int32)
+        self.model.step(state, params, self._filled("input", values, count), output, status)
+        codes = self.model.folder.manifest.status
+        return {
+            **_columns(output),
+            **{n: c for n, c in _columns(state).items() if n != "engaged"},
+            "saturated": (
+                np.abs(output["tau"]) >= params["torque_limit"]
+            ).astype(float),
+            "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
+        }
+
+    def _prepare(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        state, status = self.model.records("state", count), np.zeros(count, np.int32)
+        self.model.init(state, self._filled("params", values, count), status)
+        return _columns(state)
+
+    def _continuous(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        output = self.model.records("continuous_output", count)
+        roles = ("continuous_state", "params", "input")
+        self.model.continuous(*(self._filled(r, values, count) for r in roles), output)
+        return _columns(output)
+
+    def _acceleration(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        rate = self.model.records("plant_rate", count)
+        roles = ("plant_params", "plant_state", "plant_input")
+        self.model.acceleration(*(self._filled(r, values, count) for r in roles), rate)
+        return _columns(rate)
+
+    def _energy(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        energy = np.zeros(count)
+        roles = ("plant_params", "plant_state")
+        self.model.energy(*(self._filled(r, values, count) for r in roles), energy)
+        return {"energy": energy}
+
+
+class PythonSubject:
+    """The generated NumPy module."""
+
+    name = "python"
+
+    def __init__(self, folder: GeneratedFolder) -> None:
+        """Import the module of `folder`."""
+        self._folder, self._module = folder, folder.python_module()
+
+    def evaluate(self, function: str, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the outputs of `function` by name, float64 of shape (N,)."""
+        count = len(next(iter(values.values())))
+        result: dict[str, Any] = getattr(self, f"_{function}")(values)
+        return {n: np.broadcast_to(np.asarray(v, float), (count,)) for n, v in result.items()}
+
+    def _filled(self, role: str, values: Mapping[str, Array]) -> Any:
+        structure = self._folder.manifest.structures[role]
+        kind = getattr(self._module, "".join(w.capitalize() for w in role.split("_")))
+        known = {**_defaults(self._folder), **values}
+        return kind(**{n: known.get(n, 0.0) for n in structure.names()})
+
+    def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        params = self._filled("params", values)
+        state, output, status = self._module.step(
+            self._filled("state", values), params, self._filled("input", values)
+        )
+        return {
+            **vars(output), **{n: v for n, v in vars(state).items() if n != "engaged"},
+            "saturated": np.abs(output.tau) >= params.torque_limit,
+            "near_singular": status == self._module.NEAR_SINGULAR,
+        }
+
+    def _prepare(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        return dict(vars(self._module.init(self._filled("params", values))[0]))
+
+    def _continuous(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        roles = ("continuous_state", "params", "input")
+        return dict(vars(self._module.continuous(*(self._filled(r, values) for r in roles))))
+
+    def _acceleration(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        roles = ("plant_params", "plant_state", "plant_input")
+        return dict(vars(self._module.acceleration(*(self._filled(r, values) for r in roles))))
+
+    def _energy(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        roles = ("plant_params", "plant_state")
+        return {"energy": self._module.energy(*(self._filled(r, values) for r in roles))}
+
+
+def _columns(records: Records) -> dict[str, Array]:
+    return {n: records[n].astype(float) for n in records.dtype.names or ()}
