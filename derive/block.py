@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.program import Signal
 
 
@@ -80,9 +78,7 @@ class BlockBuilder:
         """Let `value` leave as output `name`; an expression is given a definition first."""
         if value not in {d.symbol for d in self._definitions}:
             taken = {d.symbol.name for d in self._definitions} | {s.name for s, _ in self._inputs}
-            value = self.define(
-                f"{name}_next" if name in taken else name, value, description, unit
-            )
+            value = self.define(f"{name}_next" if name in taken else name, value, description, unit)
         self._outputs.append((Signal(name, unit, description, group), value))
 
     def build(self) -> Block:
@@ -98,5 +94,3 @@ class BlockBuilder:
             tuple(signal for signal, _ in self._outputs),
             tuple(symbol for _, symbol in self._outputs),
         )
-
-

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.spec import Matrix, ModelSpec
 from pfaffian.runtime.errors import InputError
 

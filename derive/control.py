@@ -11,14 +11,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import sympy as sp
-from sympy.codegen.cfunctions import expm1
-
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.dimensions import unit_product
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.spec import ModelSpec, symbol_of
+from pfaffian.derive.spec import ModelSpec, RobustLaw, symbol_of
 from pfaffian.runtime.errors import InputError
+from sympy.codegen.cfunctions import expm1
 
 
 @dataclass(frozen=True)
@@ -98,8 +97,10 @@ def define_dynamics(
     for i in range(n):
         for j in range(i, n):
             mass[i, j] = mass[j, i] = builder.define(
-                f"m{i + 1}{j + 1}", dynamics.mass_matrix[i, j].xreplace(named),
-                "mass matrix, (1)", "kg*m^2",
+                f"m{i + 1}{j + 1}",
+                dynamics.mass_matrix[i, j].xreplace(named),
+                "mass matrix, (1)",
+                "kg*m^2",
             )
     # Expanded in the parameters: the products of entries cancel most of each other's digits.
     expanded = sp.expand(dynamics.mass_matrix.det()).xreplace(named)
@@ -123,18 +124,25 @@ def _define_shared(
     named = dict(zip(spec.constraint.errors, error_symbols, strict=True))
     s = builder.define("s", constraint.residual[0].xreplace(named), "(3)", units.residual)
     drift = builder.define(
-        "drift", spec.constraint.drift[0].subs(spec.constraint.residual_symbols[0], s),
-        "sigma s + (2 eta/pi) arctan s, (2)", units.drift,
+        "drift",
+        spec.constraint.drift[0].subs(spec.constraint.residual_symbols[0], s),
+        "sigma s + (2 eta/pi) arctan s, (2)",
+        units.drift,
     )
     mass, det, bias = define_dynamics(builder, spec, dynamics)
     row = constraint.jacobian * mass.adjugate() / det
-    ad = sp.Matrix([[
-        builder.define(f"ad{i + 1}", row[i], "entry of A D, D = M^-1", units.adb)
-        for i in range(len(spec.coordinates))
-    ]])
+    ad = sp.Matrix(
+        [
+            [
+                builder.define(f"ad{i + 1}", row[i], "entry of A D, D = M^-1", units.adb)
+                for i in range(len(spec.coordinates))
+            ]
+        ]
+    )
     adb = builder.define("adb", (ad * dynamics.input_matrix)[0], "(10)", units.adb)
-    free_motion = (constraint.residual.jacobian(sp.Matrix(spec.positions))
-                   * sp.Matrix(spec.velocities))[0]
+    free_motion = (
+        constraint.residual.jacobian(sp.Matrix(spec.positions)) * sp.Matrix(spec.velocities)
+    )[0]
     b = builder.define("b", -free_motion - drift, "right-hand side of A q'' = b, (7)", units.drift)
     demand = builder.define("demand", b + (ad * bias)[0], "b + A D (C q' + G)", units.drift)
     speed = builder.define("speed", sp.sqrt(sum(v**2 for v in spec.velocities)), "|e'|", "rad/s")
@@ -179,8 +187,10 @@ def continuous_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) 
     )
     builder.give(spec.actuators[0].name, p1 + p2 + p3, units.force, "torque, (16)")
     for symbol, unit, text in (
-        (p1, units.force, "nominal part, (17)"), (p2, units.force, "initial deviation part, (18)"),
-        (p3, units.force, "robust part, (19)"), (shared.s, units.residual, "residual s, (3)"),
+        (p1, units.force, "nominal part, (17)"),
+        (p2, units.force, "initial deviation part, (18)"),
+        (p3, units.force, "robust part, (19)"),
+        (shared.s, units.residual, "residual s, (3)"),
         (beta, units.residual, "constraint-following error, (21)"),
         (shared.adb, units.adb, "input gain of the constraint, (10)"),
     ):
@@ -189,7 +199,8 @@ def continuous_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) 
     builder.give(
         "bound_estimate_rate",
         law.adaptation_rate * shared.regressor * sp.Abs(scaled) - law.leakage_rate * bound,
-        f"{units.force}/s", "rate of ahat, (15)",
+        f"{units.force}/s",
+        "rate of ahat, (15)",
     )
     return builder.build()
 
@@ -202,10 +213,17 @@ def prepared_values(spec: ModelSpec) -> Block:
     exponent = builder.define("exponent", -law.leakage_rate * law.sample_time, "-k2 T")
     builder.give("leakage_decay", sp.exp(exponent), "", "e^(-k2 T)", "prepared")
     builder.give(
-        "adaptation_step", -law.adaptation_rate * expm1(exponent) / law.leakage_rate,
-        unit_product(*((p.unit, 1) for p in spec.parameters
-                       if p.name in (law.adaptation_rate.name, law.sample_time.name))),
-        "k1 (1 - e^(-k2 T))/k2", "prepared",
+        "adaptation_step",
+        -law.adaptation_rate * expm1(exponent) / law.leakage_rate,
+        unit_product(
+            *(
+                (p.unit, 1)
+                for p in spec.parameters
+                if p.name in (law.adaptation_rate.name, law.sample_time.name)
+            )
+        ),
+        "k1 (1 - e^(-k2 T))/k2",
+        "prepared",
     )
     builder.give("bound_estimate", law.initial_bound, units.force, "ahat at the start", "state")
     return builder.build()
@@ -234,16 +252,21 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     shared = _define_shared(builder, spec, dynamics, constraint)
     define = builder.define
     moved = define(
-        "offset", sp.Piecewise(
+        "offset",
+        sp.Piecewise(
             (offset + law.sample_time * (drift_before + shared.drift) / 2, engaged > 0),
             (-shared.s, True),
-        ), "captured at engagement, then the trapezoidal integral of drift, (6)", units.residual,
+        ),
+        "captured at engagement, then the trapezoidal integral of drift, (6)",
+        units.residual,
     )
     beta = define("beta", shared.s + moved, "(21)", units.residual)
     torque = _define_torque(builder, law, units, shared, beta, bound)
     command = define(
-        "command", sp.Min(sp.Max(torque.total, -law.torque_limit), law.torque_limit),
-        "saturated torque", units.force,
+        "command",
+        sp.Min(sp.Max(torque.total, -law.torque_limit), law.torque_limit),
+        "saturated torque",
+        units.force,
     )
     saturated = sp.Abs(torque.total) > law.torque_limit
     builder.give(spec.actuators[0].name, command, units.force, "torque, (16), within its limit")
@@ -256,20 +279,35 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
         (shared.adb, units.adb, "input gain of the constraint, (10)"),
     ):
         builder.give(symbol.name, symbol, unit, text)
-    builder.give("saturated", sp.Piecewise((1, saturated), (0, True)), "", "torque at its limit",
-                 "flag")
-    builder.give("near_singular", sp.Piecewise(
-        (1, sp.Abs(shared.adb) < law.singular_threshold), (0, True)), "", "|ADB| below its least",
-        "flag")
+    builder.give(
+        "saturated", sp.Piecewise((1, saturated), (0, True)), "", "torque at its limit", "flag"
+    )
+    builder.give(
+        "near_singular",
+        sp.Piecewise((1, sp.Abs(shared.adb) < law.singular_threshold), (0, True)),
+        "",
+        "|ADB| below its least",
+        "flag",
+    )
     # While the torque saturates, the integral and the adaptation would wind up: both are held.
-    builder.give("constraint_offset", sp.Piecewise(
-        (offset, sp.And(saturated, engaged > 0)), (moved, True)), units.residual, "beta - s",
-        "next_state")
+    builder.give(
+        "constraint_offset",
+        sp.Piecewise((offset, sp.And(saturated, engaged > 0)), (moved, True)),
+        units.residual,
+        "beta - s",
+        "next_state",
+    )
     builder.give("drift_previous", shared.drift, units.drift, "drift of this period", "next_state")
-    builder.give("bound_estimate", sp.Piecewise(
-        (bound, saturated),
-        (decay * bound + step * shared.regressor * sp.Abs(torque.scaled_next), True),
-    ), units.force, "ahat, (15)", "next_state")
+    builder.give(
+        "bound_estimate",
+        sp.Piecewise(
+            (bound, saturated),
+            (decay * bound + step * shared.regressor * sp.Abs(torque.scaled_next), True),
+        ),
+        units.force,
+        "ahat, (15)",
+        "next_state",
+    )
     return builder.build()
 
 
@@ -283,28 +321,46 @@ class _Torque:
 
 
 def _define_torque(
-    builder: BlockBuilder, law: object, units: _LawUnits, shared: _Shared,
-    beta: sp.Symbol, bound: sp.Symbol,
+    builder: BlockBuilder,
+    law: RobustLaw,
+    units: _LawUnits,
+    shared: _Shared,
+    beta: sp.Symbol,
+    bound: sp.Symbol,
 ) -> _Torque:
     """Define p1 with the singularity guard, and p2, p3 by backward Euler on beta."""
     define = builder.define
-    kappa, epsilon = law.kappa, law.epsilon  # type: ignore[attr-defined]
-    threshold = law.singular_threshold  # type: ignore[attr-defined]
+    kappa, epsilon = law.kappa, law.epsilon
+    threshold = law.singular_threshold
     inverse = define(
-        "adb_inverse", shared.adb / sp.Max(shared.adb**2, threshold**2),
-        "1/ADB, and 0 where ADB = 0", "N*m*s^2/rad",
+        "adb_inverse",
+        shared.adb / sp.Max(shared.adb**2, threshold**2),
+        "1/ADB, and 0 where ADB = 0",
+        "N*m*s^2/rad",
     )
     p1 = define("p1", inverse * shared.demand, "(17)", units.force)
     scaled = define("bhat", shared.adb * beta, "(20)", units.scaled)
     effort = define("effort", bound * shared.regressor, "ahat Pi", units.force)
-    rate = define("rate", law.sample_time * shared.adb**2, "T (ADB)^2")  # type: ignore[attr-defined]
+    rate = define("rate", law.sample_time * shared.adb**2, "T (ADB)^2")
     layer = define("layer", effort**2 / epsilon, "slope of p3 in bhat inside its layer, (23)")
-    inside = define("bhat_inside", scaled / (1 + rate * (kappa + layer)),
-                    "bhat after the period, inside the layer", units.scaled)
-    outside = define("bhat_outside", (sp.Abs(scaled) - rate * effort) / (1 + rate * kappa),
-                     "|bhat| after the period, outside the layer", units.scaled)
-    after = define("bhat_next", sp.sign(scaled) * sp.Max(sp.Abs(inside), outside),
-                   "bhat after the period", units.scaled)
+    inside = define(
+        "bhat_inside",
+        scaled / (1 + rate * (kappa + layer)),
+        "bhat after the period, inside the layer",
+        units.scaled,
+    )
+    outside = define(
+        "bhat_outside",
+        (sp.Abs(scaled) - rate * effort) / (1 + rate * kappa),
+        "|bhat| after the period, outside the layer",
+        units.scaled,
+    )
+    after = define(
+        "bhat_next",
+        sp.sign(scaled) * sp.Max(sp.Abs(inside), outside),
+        "bhat after the period",
+        units.scaled,
+    )
     p2 = define("p2", -kappa * after, "(18)", units.force)
     p3 = define("p3", -sp.Min(sp.Max(layer * inside, -effort), effort), "(19), (23)", units.force)
     total = define("torque", p1 + p2 + p3, "(16)", units.force)

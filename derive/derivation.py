@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint, servo_constraint
 from pfaffian.derive.control import (
@@ -20,10 +19,10 @@ from pfaffian.derive.control import (
 from pfaffian.derive.dimensions import dimension_of, unit_product
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
-from pfaffian.runtime.quantity import unit_registry
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.quantity import unit_registry
 
 
 @dataclass(frozen=True)
@@ -60,9 +59,7 @@ def derive(spec: ModelSpec) -> Derivation:
     constraint = servo_constraint(spec)
     zeros = zero_dynamics(spec, dynamics, constraint)
     ad = constraint.jacobian * dynamics.mass_matrix.adjugate()
-    input_gain = sp.factor((ad * dynamics.input_matrix)[0]) / sp.expand(
-        dynamics.mass_matrix.det()
-    )
+    input_gain = sp.factor((ad * dynamics.input_matrix)[0]) / sp.expand(dynamics.mass_matrix.det())
     return Derivation(
         spec=spec,
         dynamics=dynamics,
@@ -89,8 +86,10 @@ def check_dimensions(spec: ModelSpec) -> None:
     for c in spec.coordinates:
         units |= {c.name: c.unit, c.velocity.name: f"{c.unit}/s"}
     registry = unit_registry()
-    wanted = [("kinetic energy", spec.kinetic_energy, "J"),
-              ("potential energy", spec.potential_energy, "J")]
+    wanted = [
+        ("kinetic energy", spec.kinetic_energy, "J"),
+        ("potential energy", spec.potential_energy, "J"),
+    ]
     wanted += [(s.name, combination, units[s.name]) for s, combination in spec.lumping]
     for what, expression, unit in wanted:
         where = f"model {spec.name}: {what}"
@@ -115,17 +114,21 @@ def _acceleration(spec: ModelSpec, dynamics: Dynamics) -> Block:
     """q'' = M^-1 (B tau - C q' - G - F): the plant that is simulated."""
     builder = BlockBuilder("acceleration", f"{spec.title}: forward dynamics, (1)")
     take_measurement(builder, spec)
-    torques = sp.Matrix([
-        builder.take(sp.Symbol(a.name, real=True), a.unit, a.description, "torque")
-        for a in spec.actuators
-    ])
+    torques = sp.Matrix(
+        [
+            builder.take(sp.Symbol(a.name, real=True), a.unit, a.description, "torque")
+            for a in spec.actuators
+        ]
+    )
     take_parameters(builder, spec, "lumped", "plant", "uncertainty")
     mass, det, bias = define_dynamics(builder, spec, dynamics)
     applied = dynamics.input_matrix * torques - bias - dynamics.uncertain_force
-    forces = sp.Matrix([
-        builder.define(f"force{i + 1}", applied[i], "row of B tau - C q' - G - F", "N*m")
-        for i in range(len(spec.coordinates))
-    ])
+    forces = sp.Matrix(
+        [
+            builder.define(f"force{i + 1}", applied[i], "row of B tau - C q' - G - F", "N*m")
+            for i in range(len(spec.coordinates))
+        ]
+    )
     for c, row in zip(spec.coordinates, mass.adjugate() * forces, strict=True):
         builder.give(f"dd{c.name}", row / det, f"{c.unit}/s^2", f"acceleration of {c.name}")
     return builder.build()
@@ -150,21 +153,26 @@ def _input_gain(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     take_parameters(builder, spec, "lumped", "plant", "synthesised")
     mass, det, _ = define_dynamics(builder, spec, dynamics)
     adb = (constraint.jacobian * mass.adjugate() * dynamics.input_matrix)[0] / det
-    unit = unit_product(
-        (spec.constraint.residual_unit, 1), ("s", -1), (spec.actuators[0].unit, -1)
-    )
+    unit = unit_product((spec.constraint.residual_unit, 1), ("s", -1), (spec.actuators[0].unit, -1))
     builder.give("adb", adb, unit, "input gain of the constraint, (10)")
     return builder.build()
 
 
-def _design_blocks(
-    spec: ModelSpec, dynamics: Dynamics, zeros: ZeroDynamics
-) -> tuple[Block, ...]:
+def _design_blocks(spec: ModelSpec, dynamics: Dynamics, zeros: ZeroDynamics) -> tuple[Block, ...]:
     """Blocks that judge a parameter set: they are evaluated when one is read, never emitted."""
-    return tuple(block for block in (
-        _lumping(spec), _setpoint(spec), _minors(spec, dynamics), _rest_force(spec, dynamics),
-        _polynomial(spec, zeros), _synthesis(spec, zeros), _conditions(spec),
-    ) if block is not None)
+    return tuple(
+        block
+        for block in (
+            _lumping(spec),
+            _setpoint(spec),
+            _minors(spec, dynamics),
+            _rest_force(spec, dynamics),
+            _polynomial(spec, zeros),
+            _synthesis(spec, zeros),
+            _conditions(spec),
+        )
+        if block is not None
+    )
 
 
 def _lumping(spec: ModelSpec) -> Block | None:

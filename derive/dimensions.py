@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import sympy as sp
-
-from pfaffian.runtime.quantity import unit_registry
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.quantity import unit_registry
 
 #: Names in the order a person writes them, for units that pint reduced to base units.
 _SHORT = (("kilogram", "kg"), ("meter", "m"), ("second", "s"))

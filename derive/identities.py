@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.normal_form import is_zero, zero_matrix
@@ -26,9 +25,7 @@ def prove_identities(
 ) -> tuple[Identity, ...]:
     """Prove the identities of the dynamics, of the decomposition (9)-(12) and of p1, (27)."""
     q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
-    mass, coriolis, gravity = (
-        dynamics.mass_matrix, dynamics.coriolis_matrix, dynamics.gravity
-    )
+    mass, coriolis, gravity = (dynamics.mass_matrix, dynamics.coriolis_matrix, dynamics.gravity)
     mass_rate = sum(
         (mass.diff(qi) * vi for qi, vi in zip(q, dq, strict=True)), sp.zeros(*mass.shape)
     )
@@ -38,7 +35,9 @@ def prove_identities(
     tau = sp.Matrix(sp.symbols(f"tau1:{len(spec.actuators) + 1}", real=True))
     forces = dynamics.input_matrix * tau - coriolis * dq - gravity
     power = (
-        (dq.T * forces)[0] + (dq.T * mass_rate * dq)[0] / 2 + (gravity.T * dq)[0]
+        (dq.T * forces)[0]
+        + (dq.T * mass_rate * dq)[0] / 2
+        + (gravity.T * dq)[0]
         - (dq.T * dynamics.input_matrix * tau)[0]
     )
     ad = constraint.jacobian * mass.adjugate() / mass.det()
@@ -51,14 +50,27 @@ def prove_identities(
     followed = ad * (dynamics.input_matrix * nominal - bias) - constraint.acceleration
     return (
         Identity("M is symmetric", "M = M^T", zero_matrix(mass - mass.T)),
-        Identity("M' - 2C is skew-symmetric", "(\\dot M - 2C) + (\\dot M - 2C)^T = 0",
-                 zero_matrix(skew + skew.T)),
-        Identity("T is the quadratic form of M", "T = \\tfrac12 \\dot q^T M \\dot q",
-                 is_zero(kinetic)),
-        Identity("energy changes by the actuators' power alone",
-                 "\\dot T + \\dot V = \\dot q^T B \\tau", is_zero(power)),
-        Identity("the mismatched part vanishes from the constraint, (12)",
-                 "AD\\,\\Delta\\tilde F = 0", zero_matrix(ad * mismatched)),
-        Identity("p1 follows the constraint exactly, (27)",
-                 "AD[(-C\\dot q - G) + Bp_1] - b = 0", zero_matrix(followed)),
+        Identity(
+            "M' - 2C is skew-symmetric",
+            "(\\dot M - 2C) + (\\dot M - 2C)^T = 0",
+            zero_matrix(skew + skew.T),
+        ),
+        Identity(
+            "T is the quadratic form of M", "T = \\tfrac12 \\dot q^T M \\dot q", is_zero(kinetic)
+        ),
+        Identity(
+            "energy changes by the actuators' power alone",
+            "\\dot T + \\dot V = \\dot q^T B \\tau",
+            is_zero(power),
+        ),
+        Identity(
+            "the mismatched part vanishes from the constraint, (12)",
+            "AD\\,\\Delta\\tilde F = 0",
+            zero_matrix(ad * mismatched),
+        ),
+        Identity(
+            "p1 follows the constraint exactly, (27)",
+            "AD[(-C\\dot q - G) + Bp_1] - b = 0",
+            zero_matrix(followed),
+        ),
     )

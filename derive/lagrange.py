@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.normal_form import is_zero, trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec
 from pfaffian.runtime.errors import InputError
@@ -56,10 +55,12 @@ def christoffel_matrix(mass: sp.Matrix, q: sp.Matrix, dq: sp.Matrix) -> sp.Matri
     n = len(q)
 
     def entry(i: int, j: int) -> sp.Expr:
-        return sp.factor_terms(sum(
-            (mass[i, j].diff(q[k]) + mass[i, k].diff(q[j]) - mass[j, k].diff(q[i])) * dq[k] / 2
-            for k in range(n)
-        ))
+        return sp.factor_terms(
+            sum(
+                (mass[i, j].diff(q[k]) + mass[i, k].diff(q[j]) - mass[j, k].diff(q[i])) * dq[k] / 2
+                for k in range(n)
+            )
+        )
 
     return sp.Matrix(n, n, entry)
 
@@ -76,8 +77,10 @@ def _lumped(energy: sp.Expr, spec: ModelSpec, what: str) -> sp.Expr:
             f"{', '.join(s.name for s in spec.eliminated)}",
             remedy="give one relation for each eliminated symbol",
         )
-    rewritten = sp.collect(sp.expand(sp.cancel(sp.expand(energy.subs(solved[0])))),
-                           [symbol for symbol, _ in spec.lumping])
+    rewritten = sp.collect(
+        sp.expand(sp.cancel(sp.expand(energy.subs(solved[0])))),
+        [symbol for symbol, _ in spec.lumping],
+    )
     physical = {p.name for p in spec.parameters_in("physical")}
     left = sorted(s.name for s in rewritten.free_symbols if s.name in physical)
     if left:

@@ -60,8 +60,11 @@ class ModelFolder:
         except PfaffianError:
             raise
         except Exception as error:
-            lines = [f.lineno for f in traceback.extract_tb(error.__traceback__)
-                     if f.filename == str(self.spec_file)]
+            lines = [
+                f.lineno
+                for f in traceback.extract_tb(error.__traceback__)
+                if f.filename == str(self.spec_file)
+            ]
             line = f":{lines[-1]}" if lines else ""
             raise InputError(
                 f"{self.spec_file}{line}: {type(error).__name__}: {error}",
@@ -91,6 +94,4 @@ def find_model(reference: str) -> ModelFolder:
         if not (folder / "spec.py").is_file():
             raise InputError(f"{folder}: holds no spec.py", remedy="name the model's own folder")
         return ModelFolder(folder.resolve().name, folder.resolve())
-    raise InputError(
-        f"unknown model {reference}", remedy=suggestion(reference, sorted(library))
-    )
+    raise InputError(f"unknown model {reference}", remedy=suggestion(reference, sorted(library)))

@@ -25,9 +25,7 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
             CoordinateInterface(c.name, c.unit, c.description, c.bound, c.rate_bound)
             for c in spec.coordinates
         ),
-        actuators=tuple(
-            ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators
-        ),
+        actuators=tuple(ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators),
         parameters=spec.parameters,
         programs=programs,
         documents=(

@@ -75,7 +75,10 @@ def lowered_from_json(text: str) -> LoweredModel:
     """Rebuild the model that `lowered_to_json` wrote."""
     d = json.loads(text)
     return LoweredModel(
-        name=d["name"], title=d["title"], source=d["source"], sha256=d["sha256"],
+        name=d["name"],
+        title=d["title"],
+        source=d["source"],
+        sha256=d["sha256"],
         coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),

@@ -13,19 +13,26 @@ from typing import Any
 
 import casadi as ca
 import sympy as sp
+from pfaffian.derive.block import Block
+from pfaffian.derive.program import Instruction, Op, Program
 from sympy.codegen.cfunctions import expm1
 from sympy.core.relational import Relational
 
-from pfaffian.derive.block import Block
-from pfaffian.derive.program import Instruction, Op, Program
-
 _UNARY: dict[type, Callable[[Any], Any]] = {
-    sp.sin: ca.sin, sp.cos: ca.cos, sp.atan: ca.atan, sp.tanh: ca.tanh, sp.exp: ca.exp,
-    expm1: ca.expm1, sp.Abs: ca.fabs, sp.sign: ca.sign,
+    sp.sin: ca.sin,
+    sp.cos: ca.cos,
+    sp.atan: ca.atan,
+    sp.tanh: ca.tanh,
+    sp.exp: ca.exp,
+    expm1: ca.expm1,
+    sp.Abs: ca.fabs,
+    sp.sign: ca.sign,
 }
 _RELATION: dict[type, Callable[[Any, Any], Any]] = {
-    sp.StrictGreaterThan: lambda a, b: b < a, sp.GreaterThan: lambda a, b: b <= a,
-    sp.StrictLessThan: lambda a, b: a < b, sp.LessThan: lambda a, b: a <= b,
+    sp.StrictGreaterThan: lambda a, b: b < a,
+    sp.GreaterThan: lambda a, b: b <= a,
+    sp.StrictLessThan: lambda a, b: a < b,
+    sp.LessThan: lambda a, b: a <= b,
 }
 
 
@@ -76,7 +83,8 @@ class _ToCasadi:
         """Multiply numerator and denominator apart, so that there is one division."""
         if e.args[0] == -1:
             return -self(-e)
-        above, below = [], []
+        above: list[Any] = []
+        below: list[Any] = []
         for factor in e.args:
             base, exponent = factor.as_base_exp()
             if exponent.is_Number and exponent.is_negative:
@@ -117,11 +125,27 @@ class _ToCasadi:
 
 
 _OPS: dict[int, Op] = {
-    ca.OP_ADD: Op.ADD, ca.OP_SUB: Op.SUB, ca.OP_MUL: Op.MUL, ca.OP_DIV: Op.DIV, ca.OP_NEG: Op.NEG,
-    ca.OP_FABS: Op.ABS, ca.OP_SIGN: Op.SIGN, ca.OP_FMIN: Op.MIN, ca.OP_FMAX: Op.MAX,
-    ca.OP_SQRT: Op.SQRT, ca.OP_SIN: Op.SIN, ca.OP_COS: Op.COS, ca.OP_ATAN: Op.ATAN,
-    ca.OP_EXP: Op.EXP, ca.OP_EXPM1: Op.EXPM1, ca.OP_TANH: Op.TANH, ca.OP_LT: Op.LESS,
-    ca.OP_LE: Op.LESS_EQUAL, ca.OP_EQ: Op.EQUAL, ca.OP_NOT: Op.NOT, ca.OP_AND: Op.AND,
+    ca.OP_ADD: Op.ADD,
+    ca.OP_SUB: Op.SUB,
+    ca.OP_MUL: Op.MUL,
+    ca.OP_DIV: Op.DIV,
+    ca.OP_NEG: Op.NEG,
+    ca.OP_FABS: Op.ABS,
+    ca.OP_SIGN: Op.SIGN,
+    ca.OP_FMIN: Op.MIN,
+    ca.OP_FMAX: Op.MAX,
+    ca.OP_SQRT: Op.SQRT,
+    ca.OP_SIN: Op.SIN,
+    ca.OP_COS: Op.COS,
+    ca.OP_ATAN: Op.ATAN,
+    ca.OP_EXP: Op.EXP,
+    ca.OP_EXPM1: Op.EXPM1,
+    ca.OP_TANH: Op.TANH,
+    ca.OP_LT: Op.LESS,
+    ca.OP_LE: Op.LESS_EQUAL,
+    ca.OP_EQ: Op.EQUAL,
+    ca.OP_NOT: Op.NOT,
+    ca.OP_AND: Op.AND,
     ca.OP_OR: Op.OR,
 }
 

@@ -29,9 +29,7 @@ def zero_residual(expression: sp.Expr) -> sp.Expr:
             expanded.subs({sp.sin(angle): sine, sp.cos(angle): cosine}), sine, cosine
         )
         reduced = sp.rem(polynomial, sp.Poly(sine**2 + cosine**2 - 1, sine, cosine))
-        expanded = sp.expand(
-            reduced.as_expr().subs({sine: sp.sin(angle), cosine: sp.cos(angle)})
-        )
+        expanded = sp.expand(reduced.as_expr().subs({sine: sp.sin(angle), cosine: sp.cos(angle)}))
     return expanded
 
 

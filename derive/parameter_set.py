@@ -59,9 +59,7 @@ def resolve_set(model: LoweredModel, raw: RawSet) -> ParameterSet:
     for parameter in model.parameters:
         if parameter.default is not None:
             values.setdefault(parameter.name, parameter.default)
-    ordered = tuple(
-        (p.name, values[p.name]) for p in model.parameters if p.name in values
-    )
+    ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
     return ParameterSet(raw.name, raw.title, raw.source, ordered)
 
 
@@ -101,8 +99,9 @@ def roots_of(coefficients: tuple[float, ...]) -> tuple[complex, ...]:
     """Return the roots of a polynomial, sorted by real then imaginary part."""
     import numpy as np  # only errors and reports need roots: a plain set is read without NumPy
 
-    return tuple(sorted((complex(r) for r in np.roots(coefficients)),
-                        key=lambda r: (r.real, r.imag)))
+    return tuple(
+        sorted((complex(r) for r in np.roots(coefficients)), key=lambda r: (r.real, r.imag))
+    )
 
 
 def synthesise_gains(
@@ -143,7 +142,8 @@ def _require(
     model: LoweredModel, raw: RawSet, values: Mapping[str, float], groups: tuple[str, ...]
 ) -> None:
     missing = [
-        p for p in model.parameters
+        p
+        for p in model.parameters
         if p.group in groups and p.name not in values and p.default is None
     ]
     if missing:
@@ -151,7 +151,7 @@ def _require(
         unit = f" in {first.unit}" if first.unit else ""
         raise InputError(
             f"{raw.path}: missing {', '.join(p.name for p in missing)}",
-            remedy=f'add {first.name} ({first.description}){unit}, or start from another set '
+            remedy=f"add {first.name} ({first.description}){unit}, or start from another set "
             f'with extends = "..."',
         )
 
@@ -168,8 +168,7 @@ def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, fl
             where = ", ".join(f"{n} = {v:.3g} rad" for n, v in at.items())
             worst = min(minors.items(), key=lambda item: item[1])
             inertias = ", ".join(
-                f"{s.name} = {values[s.name]:.6g}" for s in program.inputs
-                if s.group == "parameter"
+                f"{s.name} = {values[s.name]:.6g}" for s in program.inputs if s.group == "parameter"
             )
             raise InputError(
                 f"{raw.path}: the mass matrix is not positive definite at {where}: "

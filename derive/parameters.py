@@ -56,8 +56,7 @@ class Parameter:
             return value
         relation = "greater than" if self.lower_open else "at least"
         raise InputError(
-            f"{where}: {self.name} = {value:g} {self.unit} is out of bounds "
-            f"({self.description})",
+            f"{where}: {self.name} = {value:g} {self.unit} is out of bounds ({self.description})",
             remedy=f"give a value {relation} {self.lower:g} and at most {self.upper:g} {self.unit}",
         )
 
@@ -123,9 +122,7 @@ def _check_keys(document: Mapping[str, object], known: Mapping[str, list[str]], 
                 )
 
 
-def read_set(
-    path: Path, declared: tuple[Parameter, ...], known_sets: Mapping[str, Path]
-) -> RawSet:
+def read_set(path: Path, declared: tuple[Parameter, ...], known_sets: Mapping[str, Path]) -> RawSet:
     """Read the parameter set in `path`, its `extends` base first.
 
     Raises `InputError` for malformed TOML, unknown keys, wrong dimensions and values out of

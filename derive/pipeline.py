@@ -15,11 +15,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pfaffian.runtime.cache import cached, digest
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
 from pfaffian.derive.parameter_set import ParameterSet, resolve_set
 from pfaffian.derive.parameters import read_set
+from pfaffian.runtime.cache import cached, digest
 
 if TYPE_CHECKING:
     from pfaffian.derive.derivation import Derivation
@@ -27,8 +27,18 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 #: Modules whose text a derivation depends on; lowering depends on these and its own.
 _DERIVATION_CODE = (
-    "block", "constraint", "control", "derivation", "dimensions", "identities", "lagrange",
-    "normal_form", "parameters", "program", "spec", "zero_dynamics",
+    "block",
+    "constraint",
+    "control",
+    "derivation",
+    "dimensions",
+    "identities",
+    "lagrange",
+    "normal_form",
+    "parameters",
+    "program",
+    "spec",
+    "zero_dynamics",
 )
 _LOWERING_CODE = ("lower_model", "lowered", "lowering", "render")
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")

@@ -171,7 +171,11 @@ def program_from_json(document: Mapping[str, object]) -> Program:
         inputs=tuple(Signal(*map(str, s)) for s in raw["inputs"]),
         instructions=tuple(
             Instruction(
-                Op(op), tuple(args), float.fromhex(value), str(name), str(comment)  # type: ignore[arg-type,call-overload]
+                Op(op),
+                tuple(args),
+                float.fromhex(value),
+                str(name),
+                str(comment),  # type: ignore[arg-type]
             )
             for op, args, value, name, comment in raw["instructions"]
         ),

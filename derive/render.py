@@ -6,10 +6,9 @@ import json
 from dataclasses import asdict, dataclass
 
 import sympy as sp
-from sympy.printing.latex import LatexPrinter
-
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.spec import ModelSpec
+from sympy.printing.latex import LatexPrinter
 
 
 @dataclass(frozen=True)
@@ -29,14 +28,16 @@ class Section:
     equations: tuple[Equation, ...]
 
 
-class _Names(LatexPrinter):
+class _Names(LatexPrinter):  # type: ignore[misc]
     """Prints q' as a dotted letter and parameters by their declared LaTeX."""
 
     def __init__(self, names: dict[str, str]) -> None:
         super().__init__({"fold_short_frac": False})
         self._names = names
 
-    def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:
+    def _print_Symbol(  # noqa: N802  (SymPy dispatches on this name)
+        self, expr: sp.Symbol, style: str = "plain"
+    ) -> str:
         return self._names.get(expr.name) or str(super()._print_Symbol(expr, style))
 
 
@@ -44,7 +45,7 @@ def _printer(spec: ModelSpec) -> _Names:
     names = {p.name: p.latex for p in spec.parameters if p.latex}
     for c in spec.coordinates:
         letter = sp.latex(c.position)
-        names[c.velocity.name] = f"\\dot{{{letter.split('_')[0]}}}_" + (letter.split("_") + [""])[1]
+        names[c.velocity.name] = f"\\dot{{{letter.split('_')[0]}}}_" + [*letter.split("_"), ""][1]
     return _Names(names)
 
 
@@ -54,7 +55,9 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
     printer = _printer(spec)
 
     def equation(caption: str, symbol: str, value: sp.Basic, plain: str) -> Equation:
-        return Equation(caption, f"{symbol} = {printer.doprint(value)}", f"{plain} = {_text(value)}")
+        return Equation(
+            caption, f"{symbol} = {printer.doprint(value)}", f"{plain} = {_text(value)}"
+        )
 
     lumped = tuple(
         equation("lumped parameter", printer.doprint(s), e, s.name) for s, e in spec.lumping
@@ -62,48 +65,97 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
     split, zeros = derivation.decomposition, derivation.zero_dynamics
     degree = len(zeros.coefficients) - 1
     return (
-        Section("Energies", (
-            equation("kinetic energy", "T", dynamics.kinetic_energy, "T"),
-            equation("potential energy", "V", dynamics.potential_energy, "V"), *lumped)),
-        Section("Dynamics, (1)", (
-            equation("mass matrix", "M", dynamics.mass_matrix, "M"),
-            equation("Coriolis and centripetal matrix (Christoffel)", "C",
-                     dynamics.coriolis_matrix, "C"),
-            equation("gravity", "G", dynamics.gravity, "G"),
-            equation("input matrix", "B", dynamics.input_matrix, "B"))),
-        Section("Servo-constraint, (2)-(8)", (
-            equation("residual, (3)", "s", constraint.residual[0], "s"),
-            equation("constraint matrix, (7)", "A", constraint.jacobian, "A"),
-            equation("right-hand side of A q'' = b, (7)", "b", constraint.acceleration[0], "b"),
-            equation("input gain, (10)", "ADB", derivation.input_gain, "ADB"))),
+        Section(
+            "Energies",
+            (
+                equation("kinetic energy", "T", dynamics.kinetic_energy, "T"),
+                equation("potential energy", "V", dynamics.potential_energy, "V"),
+                *lumped,
+            ),
+        ),
+        Section(
+            "Dynamics, (1)",
+            (
+                equation("mass matrix", "M", dynamics.mass_matrix, "M"),
+                equation(
+                    "Coriolis and centripetal matrix (Christoffel)",
+                    "C",
+                    dynamics.coriolis_matrix,
+                    "C",
+                ),
+                equation("gravity", "G", dynamics.gravity, "G"),
+                equation("input matrix", "B", dynamics.input_matrix, "B"),
+            ),
+        ),
+        Section(
+            "Servo-constraint, (2)-(8)",
+            (
+                equation("residual, (3)", "s", constraint.residual[0], "s"),
+                equation("constraint matrix, (7)", "A", constraint.jacobian, "A"),
+                equation("right-hand side of A q'' = b, (7)", "b", constraint.acceleration[0], "b"),
+                equation("input gain, (10)", "ADB", derivation.input_gain, "ADB"),
+            ),
+        ),
         Section("Control law, (15)-(23)", _law(derivation, printer)),
-        Section("Uncertainty decomposition, (9)-(12)", (
-            equation("matched part", "\\hat F", split.matched, "Fhat"),
-            equation("mismatched part", "\\Delta\\tilde F", split.mismatched, "dF"))),
-        Section("Zero dynamics at the setpoint", (
-            *(equation(f"coefficient of p^{degree - k}", f"a_{degree - k}", c, f"a{degree - k}")
-              for k, c in enumerate(zeros.coefficients)),
-            *(equation("gain for p^3 + c2 p^2 + c1 p + c0" if degree == 3 else "gain from poles",
-                       printer.doprint(s), e, s.name) for s, e in zeros.gains))),
-        Section("Singular set, ADB = 0", (
-            Equation("numerator of ADB",
-                     printer.doprint(sp.fraction(derivation.input_gain)[0]) + " = 0",
-                     f"{_text(sp.fraction(derivation.input_gain)[0])} = 0"),)),
-        Section("Identities proved", tuple(
-            Equation(f"{i.name}: {'proved' if i.proved else 'NOT proved'}", i.latex, i.name)
-            for i in derivation.identities)),
+        Section(
+            "Uncertainty decomposition, (9)-(12)",
+            (
+                equation("matched part", "\\hat F", split.matched, "Fhat"),
+                equation("mismatched part", "\\Delta\\tilde F", split.mismatched, "dF"),
+            ),
+        ),
+        Section(
+            "Zero dynamics at the setpoint",
+            (
+                *(
+                    equation(
+                        f"coefficient of p^{degree - k}", f"a_{degree - k}", c, f"a{degree - k}"
+                    )
+                    for k, c in enumerate(zeros.coefficients)
+                ),
+                *(
+                    equation(
+                        "gain for p^3 + c2 p^2 + c1 p + c0" if degree == 3 else "gain from poles",
+                        printer.doprint(s),
+                        e,
+                        s.name,
+                    )
+                    for s, e in zeros.gains
+                ),
+            ),
+        ),
+        Section(
+            "Singular set, ADB = 0",
+            (
+                Equation(
+                    "numerator of ADB",
+                    printer.doprint(sp.fraction(derivation.input_gain)[0]) + " = 0",
+                    f"{_text(sp.fraction(derivation.input_gain)[0])} = 0",
+                ),
+            ),
+        ),
+        Section(
+            "Identities proved",
+            tuple(
+                Equation(f"{i.name}: {'proved' if i.proved else 'NOT proved'}", i.latex, i.name)
+                for i in derivation.identities
+            ),
+        ),
     )
 
 
 def _law(derivation: Derivation, printer: _Names) -> tuple[Equation, ...]:
     """Return the continuous law as its named definitions, and the sampled law's own steps."""
-    rows = []
+    rows: list[Equation] = []
     for block in ("continuous", "step"):
         for d in derivation.block(block).definitions:
             what = f"{'sampled: ' if block == 'step' else ''}{d.description}"
             shown = f"\\mathrm{{{d.symbol.name.replace('_', chr(92) + '_')}}}"
-            row = Equation(what, f"{shown} = {printer.doprint(d.expression)}",
-                           f"{d.symbol.name} = {_text(d.expression)}")
+            row = Equation(
+                what,
+                f"{shown} = {printer.doprint(d.expression)}",
+                f"{d.symbol.name} = {_text(d.expression)}",
+            )
             if row.text not in {r.text for r in rows}:
                 rows.append(row)
     return tuple(rows)
@@ -137,8 +189,12 @@ def derivation_markdown(derivation: Derivation) -> str:
 
 def derivation_latex(derivation: Derivation) -> str:
     """Return the derivation as a LaTeX document."""
-    lines = ["\\documentclass{article}", "\\usepackage{amsmath}", "\\begin{document}",
-             f"\\section*{{{derivation.spec.title}: derivation}}"]
+    lines = [
+        "\\documentclass{article}",
+        "\\usepackage{amsmath}",
+        "\\begin{document}",
+        f"\\section*{{{derivation.spec.title}: derivation}}",
+    ]
     for section in sections(derivation):
         lines.append(f"\\subsection*{{{_escaped(section.heading)}}}")
         for e in section.equations:

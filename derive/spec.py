@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
-
 from pfaffian.derive.parameters import Parameter
 
 Matrix = sp.ImmutableDenseMatrix

@@ -32,8 +32,7 @@ def write_generation(generation: Generation, folder: Path) -> tuple[str, ...]:
     _check_target(folder)
     old = _generated_files(folder)
     changed = tuple(
-        path for path, text in generation.files
-        if _bytes_of(folder / path) != text.encode("utf-8")
+        path for path, text in generation.files if _bytes_of(folder / path) != text.encode("utf-8")
     )
     removed = tuple(sorted(old - {path for path, _ in generation.files}))
     if not changed and not removed:
@@ -64,8 +63,10 @@ def drift(generation: Generation, folder: Path) -> str:
         if stored == after.encode("utf-8"):
             continue
         lines += difflib.unified_diff(
-            before.splitlines(keepends=True), after.splitlines(keepends=True),
-            f"{folder.name}/{path}", f"regenerated/{path}",
+            before.splitlines(keepends=True),
+            after.splitlines(keepends=True),
+            f"{folder.name}/{path}",
+            f"regenerated/{path}",
         )
     return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
 
@@ -118,12 +119,10 @@ def _bytes_of(path: Path) -> bytes | None:
 
 
 def _fill(staging: Path, generation: Generation, folder: Path, removed: tuple[str, ...]) -> None:
-    """Build the new folder: unchanged and foreign files are hard links, so they keep their times."""
+    """Build the new folder; unchanged and foreign files are hard links and keep their times."""
     staging.chmod(folder.stat().st_mode if folder.exists() else 0o777 & ~_umask())
     if folder.exists():
-        shutil.copytree(
-            folder, staging, copy_function=_link, symlinks=True, dirs_exist_ok=True
-        )
+        shutil.copytree(folder, staging, copy_function=_link, symlinks=True, dirs_exist_ok=True)
     for path in removed:
         (staging / path).unlink(missing_ok=True)
     for path, text in generation.files:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
@@ -41,9 +40,9 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     plant = dynamics.mass_matrix * POLE**2 + damping * POLE + stiffness
     row = constraint.residual.jacobian(dq) * POLE + constraint.residual.jacobian(q)
     m = len(spec.actuators)
-    pencil = sp.Matrix(sp.BlockMatrix([
-        [Matrix(plant), -dynamics.input_matrix], [Matrix(row), sp.zeros(m, m)]
-    ])).subs(at_rest)
+    pencil = sp.Matrix(
+        sp.BlockMatrix([[Matrix(plant), -dynamics.input_matrix], [Matrix(row), sp.zeros(m, m)]])
+    ).subs(at_rest)
     polynomial = sp.Poly(sp.expand(pencil.det()), POLE)
     if polynomial.is_zero:
         raise InputError(
@@ -51,9 +50,7 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
             remedy="choose a servo-constraint that the actuators reach",
         )
     coefficients = tuple(sp.factor(c) for c in polynomial.all_coeffs())
-    wanted = tuple(
-        sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1))
-    )
+    wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
     return ZeroDynamics(coefficients, wanted, _synthesise(spec, coefficients, wanted))
 
 
@@ -64,9 +61,7 @@ def _synthesise(
     gains = [symbol_of(p) for p in spec.parameters_in("synthesised")]
     still = {symbol_of(p): 0 for p in spec.parameters_in("uncertainty")}
     lead = coefficients[0].subs(still)
-    equations = [
-        c.subs(still) - lead * w for c, w in zip(coefficients[1:], wanted, strict=True)
-    ]
+    equations = [c.subs(still) - lead * w for c, w in zip(coefficients[1:], wanted, strict=True)]
     solutions = sp.solve(equations, gains, dict=True) if gains else []
     if len(solutions) != 1:
         return ()

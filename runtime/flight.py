@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
 from pfaffian.runtime.generated_model import GeneratedModel, fill_records
 from pfaffian.runtime.scenario import Scenario
 
@@ -57,9 +56,7 @@ def fly(
 ) -> Trajectory:
     """Fly `scenario`: measure, step the controller, hold its torque, advance the plant."""
     n = scenario.steps
-    log = {
-        role: controller.records(role, n) for role in ("input", "output", "state")
-    }
+    log = {role: controller.records(role, n) for role in ("input", "output", "state")}
     status_log, energy_log = np.zeros(n, np.int32), np.zeros(n)
     params = fill_records(controller.records("params"), dict(scenario.controller))
     state, measured = controller.records("state"), controller.records("input")
@@ -84,3 +81,20 @@ def fly(
     return Trajectory(
         scenario, mode, time, log["input"], log["output"], log["state"], status_log, energy_log
     )
+
+
+def differing_bits(one: Trajectory, other: Trajectory) -> int:
+    """Return how many bits of all recorded signals differ between two flights of equal length."""
+    total = int(np.count_nonzero(one.status != other.status)) * 32
+    for mine, theirs in (
+        (one.measured, other.measured),
+        (one.output, other.output),
+        (one.state, other.state),
+    ):
+        for name in mine.dtype.names or ():
+            width = f"u{mine[name].dtype.itemsize}"
+            changed = np.ascontiguousarray(mine[name]).view(width) ^ np.ascontiguousarray(
+                theirs[name]
+            ).view(width)
+            total += int(np.bitwise_count(changed).sum())
+    return total

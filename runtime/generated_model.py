@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-
 from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
@@ -27,8 +26,16 @@ from pfaffian.runtime.toolchain import (
 Records = np.ndarray[Any, Any]
 #: Roles in the order in which `pf_sizeof` of the harness numbers them.
 ROLES = (
-    "params", "input", "state", "output", "continuous_state", "continuous_output",
-    "plant_params", "plant_state", "plant_input", "plant_rate",
+    "params",
+    "input",
+    "state",
+    "output",
+    "continuous_state",
+    "continuous_output",
+    "plant_params",
+    "plant_state",
+    "plant_input",
+    "plant_rate",
 )
 
 
@@ -141,44 +148,77 @@ class GeneratedModel:
 
     def init(self, state: Records, params: Records, status: Records) -> None:
         """Prepare states for their first period; `status` is int32 of shape (k,)."""
-        self._call("pf_batch_init", len(state), (state, "state", True),
-                   (params, "params", False), (status, "i4", True))
+        self._call(
+            "pf_batch_init",
+            len(state),
+            (state, "state", True),
+            (params, "params", False),
+            (status, "i4", True),
+        )
 
     def step(
         self, state: Records, params: Records, measured: Records, output: Records, status: Records
     ) -> None:
         """Advance the sampled law by one period."""
-        self._call("pf_batch_step", len(state), (state, "state", True), (params, "params", False),
-                   (measured, "input", False), (output, "output", True), (status, "i4", True))
+        self._call(
+            "pf_batch_step",
+            len(state),
+            (state, "state", True),
+            (params, "params", False),
+            (measured, "input", False),
+            (output, "output", True),
+            (status, "i4", True),
+        )
 
     def continuous(
         self, state: Records, params: Records, measured: Records, output: Records
     ) -> None:
         """Evaluate the continuous law."""
-        self._call("pf_batch_continuous", len(state), (state, "continuous_state", False),
-                   (params, "params", False), (measured, "input", False),
-                   (output, "continuous_output", True))
+        self._call(
+            "pf_batch_continuous",
+            len(state),
+            (state, "continuous_state", False),
+            (params, "params", False),
+            (measured, "input", False),
+            (output, "continuous_output", True),
+        )
 
     def acceleration(
         self, params: Records, state: Records, applied: Records, rate: Records
     ) -> None:
         """Evaluate the forward dynamics of the plant."""
-        self._call("pf_batch_acceleration", len(state), (params, "plant_params", False),
-                   (state, "plant_state", False), (applied, "plant_input", False),
-                   (rate, "plant_rate", True))
+        self._call(
+            "pf_batch_acceleration",
+            len(state),
+            (params, "plant_params", False),
+            (state, "plant_state", False),
+            (applied, "plant_input", False),
+            (rate, "plant_rate", True),
+        )
 
     def energy(self, params: Records, state: Records, energy: Records) -> None:
         """Evaluate T + V; `energy` is float64 of shape (k,)."""
-        self._call("pf_batch_energy", len(state), (params, "plant_params", False),
-                   (state, "plant_state", False), (energy, "f8", True))
+        self._call(
+            "pf_batch_energy",
+            len(state),
+            (params, "plant_params", False),
+            (state, "plant_state", False),
+            (energy, "f8", True),
+        )
 
     def plant_step(
         self, state: Records, params: Records, applied: Records, step: Records, substeps: int
     ) -> None:
         """Advance the plant by `substeps` Runge-Kutta steps of `step` seconds."""
-        self._call("pf_batch_plant_step", len(state), (state, "plant_state", True),
-                   (params, "plant_params", False), (applied, "plant_input", False),
-                   (step, "f8", False), substeps)
+        self._call(
+            "pf_batch_plant_step",
+            len(state),
+            (state, "plant_state", True),
+            (params, "plant_params", False),
+            (applied, "plant_input", False),
+            (step, "f8", False),
+            substeps,
+        )
 
 
 def host_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedModel:
@@ -189,11 +229,11 @@ def host_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedMod
     )
 
 
-def ppc750_model(folder: GeneratedFolder) -> GeneratedModel:
+def ppc750_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedModel:
     """Build `folder` for the PowerPC 750 and load it into the emulator."""
     sources = harness_sources(folder.path, folder.manifest)
     image = compile_image(
-        ppc750_target(), sources, folder.path / "c", ("-Wl,-e,pf_target_check",)
+        ppc750_target(toolchain), sources, folder.path / "c", ("-Wl,-e,pf_target_check",)
     )
     return GeneratedModel(folder, Ppc750Machine(image))
 

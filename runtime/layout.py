@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from pfaffian.runtime.manifest import Structure
 
 _CODES = {"double": "f8", "uint32_t": "u4"}

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-
 from pfaffian.runtime.errors import CheckError, MissingToolError
 
 _PAGE = 0x1000
@@ -98,7 +97,9 @@ class Ppc750Machine:
             words.append(address)
             address += (argument.nbytes + 31) & ~31
         if address > _HEAP_BASE + _HEAP_SIZE:
-            raise CheckError("a batch is larger than the emulated memory", remedy="use fewer samples")
+            raise CheckError(
+                "a batch is larger than the emulated memory", remedy="use fewer samples"
+            )
         result = self._run(self.symbols[function], words)
         for where, argument in placed:
             if argument.flags.writeable:

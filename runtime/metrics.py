@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from pfaffian.runtime.flight import Trajectory
 
 #: MAE2 looks at the last two seconds.

@@ -13,7 +13,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
-
 from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.manifest import Field, Manifest
 

@@ -8,7 +8,6 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.generated_model import GeneratedFolder, open_generated
@@ -178,10 +177,12 @@ def _check_start(scenario: Scenario, path: Path) -> None:
         return
     index = int(np.argmax(bad)) if bad[0] else int(np.flatnonzero(bad)[-1])
     where = ", ".join(f"{n} = {point[n][index]:.4g}" for n in scenario.folder.manifest.coordinates)
-    what = "the start lies in the singular set" if bad[0] else (
-        "the singular set lies between the start and the setpoint")
+    what = (
+        "the start lies in the singular set"
+        if bad[0]
+        else ("the singular set lies between the start and the setpoint")
+    )
     raise InputError(
-        f"{path}: {what}: ADB = {gain[index]:.4g} at {where}, "
-        f"ADB = {gain[-1]:.4g} at the setpoint",
+        f"{path}: {what}: ADB = {gain[index]:.4g} at {where}, ADB = {gain[-1]:.4g} at the setpoint",
         remedy="start nearer to the setpoint, or take gains with a wider regular region",
     )

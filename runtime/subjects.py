@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-
 from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel, Records
 
 Array = np.ndarray[Any, Any]
@@ -46,9 +45,7 @@ class MachineSubject:
         return {
             **_columns(output),
             **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": (
-                np.abs(output["tau"]) >= params["torque_limit"]
-            ).astype(float),
+            "saturated": (np.abs(output["tau"]) >= params["torque_limit"]).astype(float),
             "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
         }
 
@@ -59,20 +56,24 @@ class MachineSubject:
 
     def _continuous(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         output = self.model.records("continuous_output", count)
-        roles = ("continuous_state", "params", "input")
-        self.model.continuous(*(self._filled(r, values, count) for r in roles), output)
+        state, params, measured = (
+            self._filled(r, values, count) for r in ("continuous_state", "params", "input")
+        )
+        self.model.continuous(state, params, measured, output)
         return _columns(output)
 
     def _acceleration(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         rate = self.model.records("plant_rate", count)
-        roles = ("plant_params", "plant_state", "plant_input")
-        self.model.acceleration(*(self._filled(r, values, count) for r in roles), rate)
+        params, state, applied = (
+            self._filled(r, values, count) for r in ("plant_params", "plant_state", "plant_input")
+        )
+        self.model.acceleration(params, state, applied, rate)
         return _columns(rate)
 
     def _energy(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         energy = np.zeros(count)
-        roles = ("plant_params", "plant_state")
-        self.model.energy(*(self._filled(r, values, count) for r in roles), energy)
+        params, state = (self._filled(r, values, count) for r in ("plant_params", "plant_state"))
+        self.model.energy(params, state, energy)
         return {"energy": energy}
 
 
@@ -103,7 +104,8 @@ class PythonSubject:
             self._filled("state", values), params, self._filled("input", values)
         )
         return {
-            **vars(output), **{n: v for n, v in vars(state).items() if n != "engaged"},
+            **vars(output),
+            **{n: v for n, v in vars(state).items() if n != "engaged"},
             "saturated": np.abs(output.tau) >= params.torque_limit,
             "near_singular": status == self._module.NEAR_SINGULAR,
         }

@@ -20,10 +20,15 @@ from pfaffian.runtime.manifest import Manifest
 #: Flags every build needs for the same bits: no contraction, no library of the compiler's own.
 COMMON_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno")
 #: Build for a 32-bit big-endian PowerPC 750 without an operating system.
-PPC750_FLAGS = (
-    "-target", "powerpc-freestanding-eabihf", "-mcpu=750", "-fno-sanitize=all",
-    "-ffreestanding", "-fno-builtin", "-nostdlib", "-static", "-Wl,--image-base=0x10000",
+PPC750_FLAGS = ("-mcpu=750", "-ffreestanding", "-fno-builtin", "-nostdlib", "-static")
+ZIG_PPC_FLAGS = (
+    "-target",
+    "powerpc-freestanding-eabihf",
+    "-fno-sanitize=all",
+    "-Wl,--image-base=0x10000",
 )
+GCC_PPC = "powerpc-linux-gnu-gcc"
+GCC_PPC_FLAGS = ("-Wl,-Ttext-segment=0x10000",)
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,12 @@ class Target:
     command: tuple[str, ...]
     flags: tuple[str, ...]
     byte_order: str
+
+    @property
+    def description(self) -> str:
+        """Return the compiler and the flags that decide the code, without any path."""
+        words = "zig cc" if "ziglang" in self.command else Path(self.command[0]).name
+        return " ".join((words, *COMMON_FLAGS, *self.flags))
 
 
 def host_target(toolchain: str = "auto") -> Target:
@@ -53,14 +64,17 @@ def host_target(toolchain: str = "auto") -> Target:
     )
 
 
-def ppc750_target() -> Target:
-    """Return the PowerPC 750 as a target; raise `MissingToolError` without the compiler."""
-    if importlib.util.find_spec("ziglang") is None:
-        raise MissingToolError(
-            "no compiler for PowerPC found: the Python package ziglang is missing",
-            remedy="install it: pip install 'pfaffian[target]' (or pip install ziglang)",
-        )
-    return Target("ppc750", _zig(), PPC750_FLAGS, ">")
+def ppc750_target(toolchain: str = "auto") -> Target:
+    """Return the PowerPC 750 as a target; raise `MissingToolError` without a compiler for it."""
+    if toolchain in ("auto", "zig") and importlib.util.find_spec("ziglang"):
+        return Target("ppc750", _zig(), (*ZIG_PPC_FLAGS, *PPC750_FLAGS), ">")
+    if toolchain in ("auto", "gcc") and shutil.which(GCC_PPC):
+        return Target("ppc750", (GCC_PPC,), (*GCC_PPC_FLAGS, *PPC750_FLAGS), ">")
+    raise MissingToolError(
+        f"no compiler for PowerPC found (toolchain {toolchain})",
+        remedy="install one: pip install 'pfaffian[target]' for zig, "
+        "or apt-get install gcc-powerpc-linux-gnu",
+    )
 
 
 def _zig() -> tuple[str, ...]:
@@ -79,7 +93,8 @@ def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:
     harness = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
     return [
         *controller_sources(folder, manifest),
-        *(c / f"{name}_{part}.c" for part in ("continuous", "plant", "params")), harness,
+        *(c / f"{name}_{part}.c" for part in ("continuous", "plant", "params")),
+        harness,
     ]
 
 
@@ -95,21 +110,27 @@ def compile_image(
         [*target.command, "--version"], capture_output=True, check=False, timeout=120
     ).stdout
     key = digest(
-        version, repr((target.name, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
+        version,
+        repr((target.name, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
     return cached(f"image-{target.name}", key, lambda: _compile(target, sources, include, extra))
 
 
-def _compile(
-    target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str]
-) -> bytes:
+def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str]) -> bytes:
     with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
         image = Path(scratch) / "image"
         libraries = ["-lm"] if target.name == "host" else []
         command = [
-            *target.command, *COMMON_FLAGS, *target.flags, *extra, f"-I{include}",
-            *map(str, sources), "-o", str(image), *libraries,
+            *target.command,
+            *COMMON_FLAGS,
+            *target.flags,
+            *extra,
+            f"-I{include}",
+            *map(str, sources),
+            "-o",
+            str(image),
+            *libraries,
         ]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
         if done.returncode != 0 or not image.is_file():

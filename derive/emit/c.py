@@ -24,12 +24,23 @@ def c_literal(value: float) -> str:
 
 DIALECT = Dialect(
     patterns={
-        Op.ABS: "pf_abs({0})", Op.SIGN: "pf_sign({0})", Op.MIN: "pf_min({0}, {1})",
-        Op.MAX: "pf_max({0}, {1})", Op.SQRT: "pf_sqrt({0})", Op.SIN: "pf_sin({0})",
-        Op.COS: "pf_cos({0})", Op.ATAN: "pf_atan({0})", Op.EXP: "pf_exp({0})",
-        Op.EXPM1: "pf_expm1({0})", Op.TANH: "pf_tanh({0})", Op.LESS: "({0} < {1})",
-        Op.LESS_EQUAL: "({0} <= {1})", Op.NOT: "(!{0})", Op.AND: "({0} && {1})",
-        Op.OR: "({0} || {1})", Op.SELECT: "({0} ? {1} : {2})",
+        Op.ABS: "pf_abs({0})",
+        Op.SIGN: "pf_sign({0})",
+        Op.MIN: "pf_min({0}, {1})",
+        Op.MAX: "pf_max({0}, {1})",
+        Op.SQRT: "pf_sqrt({0})",
+        Op.SIN: "pf_sin({0})",
+        Op.COS: "pf_cos({0})",
+        Op.ATAN: "pf_atan({0})",
+        Op.EXP: "pf_exp({0})",
+        Op.EXPM1: "pf_expm1({0})",
+        Op.TANH: "pf_tanh({0})",
+        Op.LESS: "({0} < {1})",
+        Op.LESS_EQUAL: "({0} <= {1})",
+        Op.NOT: "(!{0})",
+        Op.AND: "({0} && {1})",
+        Op.OR: "({0} || {1})",
+        Op.SELECT: "({0} ? {1} : {2})",
     },
     literal=c_literal,
     pairs_sine_and_cosine=True,
@@ -47,8 +58,12 @@ class Body:
 def _wrap(line: str, indent: str = "    ") -> list[str]:
     """Break a statement at spaces so that it fits the width; continuation lines are indented."""
     return textwrap.wrap(
-        line, _WIDTH, initial_indent=indent, subsequent_indent=indent + "    ",
-        break_long_words=False, break_on_hyphens=False,
+        line,
+        _WIDTH,
+        initial_indent=indent,
+        subsequent_indent=indent + "    ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 
@@ -56,7 +71,8 @@ def _statement_lines(statement: Statement) -> list[str]:
     if statement.kind == "sincos":
         sine, cosine = statement.name, statement.cosine
         return [
-            f"    double {sine};", f"    double {cosine};",
+            f"    double {sine};",
+            f"    double {cosine};",
             f"    pf_sincos({statement.expression}, &{sine}, &{cosine});",
         ]
     kind = "int" if statement.kind == "truth" else "double"
@@ -161,9 +177,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "checked": [
             step.results[s.name] for s in model.program("step").outputs if s.group != "flag"
         ],
-        "next_state": [
-            s.name for s in model.program("step").outputs if s.group == "next_state"
-        ],
+        "next_state": [s.name for s in model.program("step").outputs if s.group == "next_state"],
         "prepare": _body(model.program("prepare"), controller),
         "continuous": _body(model.program("continuous"), controller),
         "acceleration": _body(model.program("acceleration"), plant),
@@ -174,13 +188,16 @@ def emit_c(emission: Emission) -> dict[str, str]:
     elementary = {"header": header, **render_context()}
     files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in sorted(texts)}
     for template, path in (
-        ("pf_scalar.h", "pf_scalar.h"), ("pf_model.h", "pf_model.h"),
-        ("params.h", f"{model.name}_params.h"), ("params.c", f"{model.name}_params.c"),
-        ("controller.h", f"{model.name}.h"), ("controller.c", f"{model.name}.c"),
+        ("pf_scalar.h", "pf_scalar.h"),
+        ("pf_model.h", "pf_model.h"),
+        ("params.h", f"{model.name}_params.h"),
+        ("params.c", f"{model.name}_params.c"),
+        ("controller.h", f"{model.name}.h"),
+        ("controller.c", f"{model.name}.c"),
         ("continuous.h", f"{model.name}_continuous.h"),
         ("continuous.c", f"{model.name}_continuous.c"),
-        ("plant.h", f"{model.name}_plant.h"), ("plant.c", f"{model.name}_plant.c"),
+        ("plant.h", f"{model.name}_plant.h"),
+        ("plant.c", f"{model.name}_plant.c"),
     ):
         files[f"c/{path}"] = fill(f"c/{template}.j2", context)
     return files
-

@@ -11,7 +11,6 @@ from importlib.resources import files
 from typing import Protocol
 
 import jinja2
-
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.runtime.manifest import ABI_VERSION

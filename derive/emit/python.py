@@ -9,12 +9,22 @@ from pfaffian.derive.program import Op, Program
 
 DIALECT = Dialect(
     patterns={
-        Op.ABS: "np.abs({0})", Op.SIGN: "np.sign({0})", Op.MIN: "np.minimum({0}, {1})",
-        Op.MAX: "np.maximum({0}, {1})", Op.SQRT: "np.sqrt({0})", Op.SIN: "np.sin({0})",
-        Op.COS: "np.cos({0})", Op.ATAN: "np.arctan({0})", Op.EXP: "np.exp({0})",
-        Op.EXPM1: "np.expm1({0})", Op.TANH: "np.tanh({0})", Op.LESS: "({0} < {1})",
-        Op.LESS_EQUAL: "({0} <= {1})", Op.NOT: "np.logical_not({0})",
-        Op.AND: "np.logical_and({0}, {1})", Op.OR: "np.logical_or({0}, {1})",
+        Op.ABS: "np.abs({0})",
+        Op.SIGN: "np.sign({0})",
+        Op.MIN: "np.minimum({0}, {1})",
+        Op.MAX: "np.maximum({0}, {1})",
+        Op.SQRT: "np.sqrt({0})",
+        Op.SIN: "np.sin({0})",
+        Op.COS: "np.cos({0})",
+        Op.ATAN: "np.arctan({0})",
+        Op.EXP: "np.exp({0})",
+        Op.EXPM1: "np.expm1({0})",
+        Op.TANH: "np.tanh({0})",
+        Op.LESS: "({0} < {1})",
+        Op.LESS_EQUAL: "({0} <= {1})",
+        Op.NOT: "np.logical_not({0})",
+        Op.AND: "np.logical_and({0}, {1})",
+        Op.OR: "np.logical_or({0}, {1})",
         Op.SELECT: "np.where({0}, {1}, {2})",
     },
     literal=repr,
@@ -31,7 +41,8 @@ def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
         f"{s.name} = {sources[s.group]}.{s.name}"
-        for index, s in enumerate(program.inputs) if index in used
+        for index, s in enumerate(program.inputs)
+        if index in used
     ]
     statements, results = statements_of(program, DIALECT)
     return {"loads": loads, "lines": [_line(s) for s in statements], "results": results}
@@ -59,9 +70,13 @@ def emit_python(emission: Emission) -> dict[str, str]:
         ],
         "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
         "sets": [
-            {"name": snake(s.name).upper(), "title": s.title,
-             "members": [{"name": n, "value": repr(s.as_dict()[n])}
-                         for n in structures["params"].names()]}
+            {
+                "name": snake(s.name).upper(),
+                "title": s.title,
+                "members": [
+                    {"name": n, "value": repr(s.as_dict()[n])} for n in structures["params"].names()
+                ],
+            }
             for s in emission.sets
         ],
         "bounds": [
@@ -69,9 +84,14 @@ def emit_python(emission: Emission) -> dict[str, str]:
             for c in model.coordinates
         ],
         "parameter_bounds": [
-            {"name": p.name, "lower": repr(p.lower), "upper": repr(p.upper),
-             "relation": ">" if p.lower_open else ">="}
-            for p in model.parameters if p.name in structures["params"].names()
+            {
+                "name": p.name,
+                "lower": repr(p.lower),
+                "upper": repr(p.upper),
+                "relation": ">" if p.lower_open else ">=",
+            }
+            for p in model.parameters
+            if p.name in structures["params"].names()
         ],
         "state_names": structures["state"].names(),
         "output_names": structures["output"].names(),

@@ -42,7 +42,12 @@ class _Text:
     precedence: int
 
 
-_INFIX = {Op.ADD: ("+", _SUM), Op.SUB: ("-", _SUM), Op.MUL: ("*", _PRODUCT), Op.DIV: ("/", _PRODUCT)}
+_INFIX = {
+    Op.ADD: ("+", _SUM),
+    Op.SUB: ("-", _SUM),
+    Op.MUL: ("*", _PRODUCT),
+    Op.DIV: ("/", _PRODUCT),
+}
 
 
 class _Writer:
@@ -137,8 +142,10 @@ class _Writer:
             return _Text(f"-{self._wrapped(parts[0], _ATOM)}", _UNARY)
         pattern = self.dialect.patterns[instruction.op]
         atom = pattern.startswith("(") or re.match(r"[\w.]+\(", pattern) is not None
-        slots = [p.text if self._inside_call(pattern, k) else self._wrapped(p, _ATOM)
-                 for k, p in enumerate(parts)]
+        slots = [
+            p.text if self._inside_call(pattern, k) else self._wrapped(p, _ATOM)
+            for k, p in enumerate(parts)
+        ]
         return _Text(pattern.format(*slots), _ATOM if atom else 0)
 
     @staticmethod

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
-
 from pfaffian.derive.block import Block
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.lowered import LoweredModel
@@ -115,13 +114,27 @@ def verify(
             if progress:
                 progress(done, samples * len(FUNCTIONS))
     results = tuple(
-        FunctionResult(f, s.name, target_samples if s is target else samples, t.worst, t.output,
-                       t.at or {}, t.worst_by_input)
-        for f in FUNCTIONS for s in everyone if (t := tallies.get((f, s.name))) is not None
+        FunctionResult(
+            f,
+            s.name,
+            target_samples if s is target else samples,
+            t.worst,
+            t.output,
+            t.at or {},
+            t.worst_by_input,
+        )
+        for f in FUNCTIONS
+        for s in everyone
+        if (t := tallies.get((f, s.name))) is not None
     )
     return Verification(
-        samples, max(r.worst_scaled_ulp for r in results), compared, mismatches, undecided,
-        results, branches,
+        samples,
+        max(r.worst_scaled_ulp for r in results),
+        compared,
+        mismatches,
+        undecided,
+        results,
+        branches,
     )
 
 
@@ -130,8 +143,11 @@ def _host(subjects: Sequence[Subject]) -> Subject:
 
 
 def _computed(
-    function: str, values: Mapping[str, Array], subjects: Sequence[Subject],
-    target: Subject | None, for_target: int,
+    function: str,
+    values: Mapping[str, Array],
+    subjects: Sequence[Subject],
+    target: Subject | None,
+    for_target: int,
 ) -> dict[str, dict[str, Array]]:
     computed = {s.name: s.evaluate(function, values) for s in subjects}
     if target and for_target:
@@ -159,7 +175,9 @@ class _Judge:
         self.last_exact: dict[str, Array] = {}
 
     def update(
-        self, values: Mapping[str, Array], computed: Mapping[str, Mapping[str, Array]],
+        self,
+        values: Mapping[str, Array],
+        computed: Mapping[str, Mapping[str, Array]],
         tallies: dict[tuple[str, str], _Tally],
     ) -> int:
         """Compare one chunk; return how many samples sat on a branch boundary and were left out."""

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-
 from pfaffian.derive.block import Block
 
 Array = np.ndarray[Any, Any]
@@ -54,9 +53,12 @@ class Condition:
                 local.append([_full(p(*arguments), count) for p in step.partials])
             for signal, symbol in zip(self.block.outputs, self.block.results, strict=True):
                 moves = self._gradient(symbol.name, local)
-                weights = {n: np.nan_to_num(np.abs(known[n] * m), posinf=0.0)
-                           for n, m in moves.items()}
-                by_input[signal.name] = _total([w for n, w in weights.items() if n in inputs], count)
+                weights = {
+                    n: np.nan_to_num(np.abs(known[n] * m), posinf=0.0) for n, m in moves.items()
+                }
+                by_input[signal.name] = _total(
+                    [w for n, w in weights.items() if n in inputs], count
+                )
                 named[signal.name] = _total(list(weights.values()), count)
         return named, by_input
 

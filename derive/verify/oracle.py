@@ -12,9 +12,8 @@ from typing import Any
 import gmpy2
 import numpy as np
 import sympy as sp
-from sympy.core.relational import Relational
-
 from pfaffian.derive.block import Block
+from sympy.core.relational import Relational
 
 #: 200 bits are 60 decimal digits; 50 are promised, ten are for the oracle's own rounding.
 PRECISION_BITS = 200
@@ -22,9 +21,20 @@ PRECISION_BITS = 200
 TIE = 2.0**-40
 
 _FUNCTIONS: dict[str, Any] = {
-    "mpf": gmpy2.mpfr, "sin": gmpy2.sin, "cos": gmpy2.cos, "atan": gmpy2.atan,
-    "tanh": gmpy2.tanh, "exp": gmpy2.exp, "expm1": gmpy2.expm1, "sqrt": gmpy2.sqrt,
-    "sign": gmpy2.sign, "Abs": abs, "Max": max, "Min": min, "max": max, "min": min,
+    "mpf": gmpy2.mpfr,
+    "sin": gmpy2.sin,
+    "cos": gmpy2.cos,
+    "atan": gmpy2.atan,
+    "tanh": gmpy2.tanh,
+    "exp": gmpy2.exp,
+    "expm1": gmpy2.expm1,
+    "sqrt": gmpy2.sqrt,
+    "sign": gmpy2.sign,
+    "Abs": abs,
+    "Max": max,
+    "Min": min,
+    "max": max,
+    "min": min,
 }
 
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import Signal, evaluate
 
@@ -103,7 +102,9 @@ def _is_physical(model: LoweredModel, values: Mapping[str, Array]) -> Array:
     if not set(names) <= set(values):
         return np.ones(count, bool)
     columns = zip(*(values[n].tolist() for n in names), strict=True)
-    return np.array([
-        all(m > 0.0 for m in evaluate(program, dict(zip(names, row, strict=True))).values())
-        for row in columns
-    ])
+    return np.array(
+        [
+            all(m > 0.0 for m in evaluate(program, dict(zip(names, row, strict=True))).values())
+            for row in columns
+        ]
+    )

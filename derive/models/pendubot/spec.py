@@ -7,8 +7,9 @@ relative to link 1; the motor acts on link 1 only.
 
 from __future__ import annotations
 
-import sympy as sp
+from types import SimpleNamespace
 
+import sympy as sp
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.spec import (
     Actuator,
@@ -32,7 +33,9 @@ def _lumped(name: str, unit: str, text: str, latex: str) -> Parameter:
     return Parameter(name, unit, text, "lumped", 0.0, 1e4, lower_open=True, latex=latex)
 
 
-def _gain(name: str, unit: str, text: str, latex: str, group: str = "gain", **kw: float) -> Parameter:
+def _gain(
+    name: str, unit: str, text: str, latex: str, group: str = "gain", **kw: float
+) -> Parameter:
     bounds = {"lower": 0.0, "upper": 1e4, "lower_open": True, **kw}
     return Parameter(name, unit, text, group, latex=latex, **bounds)  # type: ignore[arg-type]
 
@@ -50,8 +53,14 @@ def _friction(joint: int) -> tuple[Parameter, ...]:
     )
     return tuple(
         Parameter(
-            f"joint{joint}_{name}", unit, f"{text} on joint {joint}", "uncertainty",
-            -1e3, 1e3, default=0.0, latex=f"{latex}^{{({joint})}}",
+            f"joint{joint}_{name}",
+            unit,
+            f"{text} on joint {joint}",
+            "uncertainty",
+            -1e3,
+            1e3,
+            default=0.0,
+            latex=f"{latex}^{{({joint})}}",
         )
         for name, unit, text, latex in rows
     )
@@ -80,45 +89,72 @@ PARAMETERS = (
     _gain("epsilon", "1/s^3", "layer of p3, (23)", "\\varepsilon"),
     _gain("k1", "N^2*m^2*s^2", "adaptation rate, (15)", "\\kappa_1", lower_open=False),
     _gain("k2", "1/s", "leakage rate, (15)", "\\kappa_2"),
-    _gain("bound_initial", "N*m", "initial estimate of the uncertainty bound, (15)",
-          "\\hat\\alpha(t_0)", lower_open=False),
+    _gain(
+        "bound_initial",
+        "N*m",
+        "initial estimate of the uncertainty bound, (15)",
+        "\\hat\\alpha(t_0)",
+        lower_open=False,
+    ),
     Parameter("q1d", "rad", "setpoint of q1, (4)", "gain", -1e3, 1e3, latex="q_{1d}"),
     Parameter("q2d", "rad", "setpoint of q2, (4)", "gain", -1e3, 1e3, latex="q_{2d}"),
     Parameter("sample_time", "s", "period of the controller", "target", 1e-6, 1.0, latex="T"),
-    Parameter("torque_limit", "N*m", "largest torque commanded", "target", 0.0, 1e4, True,
-              latex="\\tau_{\\max}"),
-    Parameter("singular_threshold", "1/(kg*m^2)", "least |ADB| the law divides by", "target",
-              0.0, 1e6, True, latex="\\underline{a}"),
+    Parameter(
+        "torque_limit",
+        "N*m",
+        "largest torque commanded",
+        "target",
+        0.0,
+        1e4,
+        True,
+        latex="\\tau_{\\max}",
+    ),
+    Parameter(
+        "singular_threshold",
+        "1/(kg*m^2)",
+        "least |ADB| the law divides by",
+        "target",
+        0.0,
+        1e6,
+        True,
+        latex="\\underline{a}",
+    ),
     *_friction(1),
     *_friction(2),
 )
 
 
-def _energies(p: object, q1: sp.Symbol, q2: sp.Symbol, dq1: sp.Symbol, dq2: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+def _energies(
+    p: SimpleNamespace, q1: sp.Symbol, q2: sp.Symbol, dq1: sp.Symbol, dq2: sp.Symbol
+) -> tuple[sp.Expr, sp.Expr]:
     """Return T and V from the positions of the two centres of mass."""
     along1 = Matrix([sp.cos(q1), sp.sin(q1)])
     along2 = Matrix([sp.cos(q1 + q2), sp.sin(q1 + q2)])
-    centre1 = p.lc1 * along1  # type: ignore[attr-defined]
-    centre2 = p.l1 * along1 + p.lc2 * along2  # type: ignore[attr-defined]
+    centre1 = p.lc1 * along1
+    centre2 = p.l1 * along1 + p.lc2 * along2
     kinetic, potential = sp.S.Zero, sp.S.Zero
     for mass, inertia, centre, spin in (
-        (p.m1, p.I1, centre1, dq1),  # type: ignore[attr-defined]
-        (p.m2, p.I2, centre2, dq1 + dq2),  # type: ignore[attr-defined]
+        (p.m1, p.I1, centre1, dq1),
+        (p.m2, p.I2, centre2, dq1 + dq2),
     ):
         velocity = centre.diff(q1) * dq1 + centre.diff(q2) * dq2
         kinetic += mass * velocity.dot(velocity) / 2 + inertia * spin**2 / 2
-        potential += mass * p.g * centre[1]  # type: ignore[attr-defined]
+        potential += mass * p.g * centre[1]
     return kinetic, potential
 
 
-def _uncertain_force(p: object, joint: int, rate: sp.Symbol) -> sp.Expr:
+def _uncertain_force(p: SimpleNamespace, joint: int, rate: sp.Symbol) -> sp.Expr:
     """Return f(q') of one joint: load, viscous part and the friction model of sections 5.2, 5.3."""
-    k = {n: getattr(p, f"joint{joint}_{n}") for n in (
-        "load", "viscous", *(f"friction{i}" for i in range(1, 7)))}
+    k = {
+        n: getattr(p, f"joint{joint}_{n}")
+        for n in ("load", "viscous", *(f"friction{i}" for i in range(1, 7)))
+    }
     return (
-        k["load"] + k["viscous"] * rate
+        k["load"]
+        + k["viscous"] * rate
         + k["friction1"] * (sp.tanh(k["friction2"] * rate) - sp.tanh(k["friction3"] * rate))
-        + k["friction4"] * sp.tanh(k["friction5"] * rate) + k["friction6"] * rate
+        + k["friction4"] * sp.tanh(k["friction5"] * rate)
+        + k["friction6"] * rate
     )
 
 
@@ -155,9 +191,14 @@ def model() -> ModelSpec:
             setpoint=(p.q1d, p.q2d),
         ),
         law=RobustLaw(
-            kappa=p.kappa, epsilon=p.epsilon, adaptation_rate=p.k1, leakage_rate=p.k2,
-            initial_bound=p.bound_initial, sample_time=p.sample_time,
-            torque_limit=p.torque_limit, singular_threshold=p.singular_threshold,
+            kappa=p.kappa,
+            epsilon=p.epsilon,
+            adaptation_rate=p.k1,
+            leakage_rate=p.k2,
+            initial_bound=p.bound_initial,
+            sample_time=p.sample_time,
+            torque_limit=p.torque_limit,
+            singular_threshold=p.singular_threshold,
         ),
         lumping=(
             (p.theta1, p.m1 * p.lc1**2 + p.m2 * p.l1**2 + p.I1),

@@ -111,11 +111,11 @@ double pf_sqrt(double x)
 {
     uint64_t bits = to_bits(x);
     uint32_t bias = 1023u; /* of the exponent of x */
-    if ((bits << 1) == 0u || bits == UINT64_C(0x7ff0000000000000)) {
-        return x; /* +0, -0 and +inf */
+    if ((bits << 1) == 0u) {
+        return x; /* +0 and -0 */
     }
-    if (bits > UINT64_C(0x7ff0000000000000)) {
-        return quiet_nan(); /* NaN and x < 0 */
+    if (bits >= UINT64_C(0x7ff0000000000000)) {
+        return bits == UINT64_C(0x7ff0000000000000) ? x : quiet_nan(); /* +inf; NaN, x < 0 */
     }
     if (bits < UINT64_C(0x0010000000000000)) { /* subnormal: make it normal */
         bits = to_bits(x * two_54);
@@ -125,7 +125,7 @@ double pf_sqrt(double x)
     uint32_t exponent = (uint32_t)(bits >> 52) + 2048u - bias;
     bits = (bits & UINT64_C(0x000fffffffffffff)) | UINT64_C(0x3ff0000000000000);
     double root = sqrt_of_mantissa(from_bits(bits), exponent & 1u);
-    return root * power_of_two((exponent >> 1) - 1u); /* exact: half + 1023 is the exponent */
+    return root * power_of_two((exponent >> 1) - 1u); /* exact; biased, half + 1023 */
 }
 
 /* ---- sine and cosine --------------------------------------------------------------------- */

@@ -60,7 +60,7 @@ double pf_exp(double x);
  * +inf for x > 709.782712893384, -1 for x <= -40.0. */
 double pf_expm1(double x);
 
-/* Hyperbolic tangent of any x, in [-1, 1]. Error below 0.8 ulp.
+/* Hyperbolic tangent of any x, in [-1, 1]. Error below 0.85 ulp.
  * Exactly +1 or -1 for |x| >= 20.0. */
 double pf_tanh(double x);
 

@@ -1,0 +1,80 @@
+"""`pfaffian models` and `pfaffian derive`."""
+
+from __future__ import annotations
+
+import json as json_module
+from dataclasses import asdict
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import CheckError, InputError
+
+
+def list_models(as_json: bool) -> None:
+    """Print models, their parameter sets, and the scenarios."""
+    from pfaffian.derive.library import library_models
+    from pfaffian.runtime.documents import read_toml
+    from pfaffian.runtime.scenario import scenario_paths
+
+    sets = [
+        {"model": name, "set": key, "title": read_toml(path).get("title", "")}
+        for name, folder in library_models().items()
+        for key, path in folder.sets().items()
+    ]
+    scenarios = [
+        {"scenario": name, **{k: read_toml(path).get(k, "") for k in ("model", "set", "title")}}
+        for name, path in scenario_paths().items()
+    ]
+    if as_json:
+        output.emit_json({"models": list(library_models()), "sets": sets, "scenarios": scenarios})
+        return
+    output.table(
+        "models and parameter sets", ("model", "set", "title"), [list(s.values()) for s in sets]
+    )
+    output.table(
+        "scenarios", ("scenario", "model", "set", "title"), [list(s.values()) for s in scenarios]
+    )
+
+
+def show_derivation(reference: str, set_name: str | None, form: str, as_json: bool) -> None:
+    """Print the derivation of a model, with the figures of one parameter set if named."""
+    from pfaffian.derive.design import assess
+    from pfaffian.derive.library import find_model
+    from pfaffian.derive.pipeline import derivation_of, lowered_model, parameter_set
+    from pfaffian.derive.render import derivation_text
+
+    if form not in ("text", "markdown", "latex"):
+        raise InputError(f"--format {form} is unknown", remedy="choose text, markdown or latex")
+    folder = find_model(reference)
+    output.note(f"deriving {folder.name}")
+    model = lowered_model(folder)
+    design = None
+    if set_name:
+        design = assess(model, parameter_set(model, folder, folder.set_path(set_name)))
+    documents = dict(model.documents)
+    derivation = json_module.loads(documents["derivation.json"])
+    if as_json:
+        output.emit_json({**derivation, "design": asdict(design) if design else None})
+    elif form == "text":
+        print(derivation_text(derivation_of(folder)), end="")
+        if design:
+            _print_design(set_name or "", design)
+    else:
+        print(documents["derivation.md" if form == "markdown" else "derivation.tex"], end="")
+    unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
+    if unproved:
+        raise CheckError(f"not proved: {', '.join(unproved)}")
+
+
+def _print_design(set_name: str, design: object) -> None:
+    values = vars(design)
+    poles = ", ".join(f"{p:.4g}" for p in values["zero_dynamics_poles"])
+    rows = [(k, output.figure(v)) for k, v in values["gains"].items()]
+    rows += [
+        ("zero-dynamics poles [1/s]", poles),
+        ("stable", values["stable"]),
+        ("ADB at the setpoint", output.figure(values["input_gain"])),
+        ("distance to ADB = 0 [rad]", output.figure(values["singular_distance_rad"])),
+        ("along", values["singular_coordinate"] or "-"),
+        ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
+    ]
+    output.table(f"parameter set {set_name}", ("figure", "value"), rows)

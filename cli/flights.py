@@ -1,0 +1,87 @@
+"""`pfaffian simulate` and `pfaffian pil`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import CheckError, InputError
+
+if TYPE_CHECKING:
+    from pfaffian.runtime.flight import Trajectory
+    from pfaffian.runtime.scenario import Scenario
+
+EMULATORS = ("unicorn",)
+
+
+def fly_scenario(reference: str, mode: str, generated: Path | None, as_json: bool) -> None:
+    """Fly a scenario on the host, or on the emulator `mode` and compare with the host."""
+    from pfaffian.runtime.scenario import read_scenario
+
+    if mode != "host" and mode not in EMULATORS:
+        raise InputError(f"unknown emulator {mode}", remedy=f"known: {', '.join(EMULATORS)}")
+    scenario = read_scenario(reference, generated)
+    if mode == "host":
+        _, document = fly_host(scenario)
+    else:
+        _, document = fly_both(scenario)
+    if as_json:
+        output.emit_json(document)
+    else:
+        _print_flight(document)
+    if document.get("differing_bits", 0):
+        raise CheckError(
+            f"{scenario.name}: {document['differing_bits']} bits differ between host and target"
+        )
+
+
+def fly_host(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:
+    """Fly on this machine; return the trajectory and its document."""
+    from pfaffian.runtime.flight import fly
+    from pfaffian.runtime.generated_model import host_model
+
+    host = host_model(scenario.folder)
+    with output.progress(f"flying {scenario.name} on the host") as update:
+        trajectory = fly(scenario, host, host, "host", update)
+    return trajectory, flight_document(trajectory)
+
+
+def fly_both(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:
+    """Fly on the emulated target and on this machine; return the target's flight."""
+    from pfaffian.runtime.flight import differing_bits, fly
+    from pfaffian.runtime.generated_model import host_model, ppc750_model
+
+    host, target = host_model(scenario.folder), ppc750_model(scenario.folder)
+    with output.progress(f"flying {scenario.name} on the emulated PowerPC 750GX") as update:
+        there = fly(scenario, target, host, "pil-unicorn", update)
+    with output.progress(f"flying {scenario.name} on the host") as update:
+        here = fly(scenario, host, host, "host", update)
+    return there, {
+        **flight_document(there),
+        "host_trajectory_sha256": here.sha256(),
+        "differing_bits": differing_bits(here, there),
+    }
+
+
+def flight_document(trajectory: Trajectory) -> dict[str, Any]:
+    """Return the document of one flight."""
+    from pfaffian.runtime.metrics import status_counts, tracking_metrics
+
+    return {
+        "scenario": trajectory.scenario.name,
+        "mode": trajectory.mode,
+        "steps": len(trajectory.time),
+        **tracking_metrics(trajectory),
+        "status": status_counts(trajectory),
+        "trajectory_sha256": trajectory.sha256(),
+    }
+
+
+def _print_flight(document: dict[str, Any]) -> None:
+    rows = [
+        (k, output.figure(v) if isinstance(v, float) else v)
+        for k, v in document.items()
+        if k != "scenario"
+    ]
+    output.table(f"scenario {document['scenario']}", ("figure", "value"), rows)

@@ -1,0 +1,183 @@
+"""The entry point `pfaffian`: arguments in, exit code out. Commands import their stages late."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pfaffian.cli import output
+from pfaffian.runtime.errors import PfaffianError
+
+app = typer.Typer(
+    name="pfaffian",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="From a Lagrangian and a servo-constraint to verified controller code on a target.",
+)
+bench_app = typer.Typer(no_args_is_help=True, help="Measure against peers in the same run.")
+app.add_typer(bench_app, name="bench")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Model = Annotated[str, typer.Argument(help="A model of the library, or the folder of your own.")]
+SetName = Annotated[str | None, typer.Option("--set", help="Parameter set of the model.")]
+Params = Annotated[Path | None, typer.Option("--params", help="Parameter set in a TOML file.")]
+Generated = Annotated[
+    Path | None, typer.Option("--generated", help="Folder of generated code to use instead.")
+]
+
+
+@app.command()
+def models(json: Json = False) -> None:
+    """List models, parameter sets and scenarios."""
+    from pfaffian.cli.describe import list_models
+
+    list_models(json)
+
+
+@app.command()
+def derive(
+    model: Model,
+    set_name: SetName = None,
+    form: Annotated[str, typer.Option("--format", help="text, markdown or latex.")] = "text",
+    json: Json = False,
+) -> None:
+    """Show the equations, ADB, the control law, zero dynamics and the identities proved."""
+    from pfaffian.cli.describe import show_derivation
+
+    show_derivation(model, set_name, form, json)
+
+
+@app.command()
+def generate(
+    model: Model,
+    set_name: SetName = None,
+    params: Params = None,
+    folder: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL.")
+    ] = None,
+    check: Annotated[bool, typer.Option("--check", help="Only compare; 1 on drift.")] = False,
+    json: Json = False,
+) -> None:
+    """Write C, Python, the readable derivation and a manifest, all or nothing."""
+    from pfaffian.cli.make import generate_files
+
+    generate_files(model, set_name, params, folder, check, json)
+
+
+@app.command()
+def verify(
+    model: Model,
+    samples: Annotated[int, typer.Option(min=1, help="Random inputs of each function.")] = 10_000,
+    target_samples: Annotated[
+        int | None, typer.Option(min=0, help="How many also run on the target [up to 20000].")
+    ] = None,
+    generated: Generated = None,
+    json: Json = False,
+) -> None:
+    """Check generated Python, host C and PowerPC C against the symbolic source at 60 digits."""
+    from pfaffian.cli.check import verify_generated
+
+    verify_generated(model, samples, target_samples, generated, json)
+
+
+@app.command()
+def build(
+    model: Model,
+    target: Annotated[str, typer.Option(help="host or ppc750.")] = "ppc750",
+    toolchain: Annotated[str, typer.Option(help="auto, zig or gcc.")] = "auto",
+    folder: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Where to put the image.")
+    ] = None,
+    generated: Generated = None,
+    json: Json = False,
+) -> None:
+    """Compile the controller for a target; report its size, stack and instructions."""
+    from pfaffian.cli.make import build_image
+
+    build_image(model, target, toolchain, folder, generated, json)
+
+
+@app.command()
+def simulate(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
+    generated: Generated = None,
+    json: Json = False,
+) -> None:
+    """Fly a scenario with the controller on this machine."""
+    from pfaffian.cli.flights import fly_scenario
+
+    fly_scenario(scenario, "host", generated, json)
+
+
+@app.command()
+def pil(
+    scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
+    emulator: Annotated[str, typer.Option(help="unicorn.")] = "unicorn",
+    generated: Generated = None,
+    json: Json = False,
+) -> None:
+    """Fly a scenario with the controller on the emulated PowerPC 750GX, and compare the bits."""
+    from pfaffian.cli.flights import fly_scenario
+
+    fly_scenario(scenario, emulator, generated, json)
+
+
+@app.command()
+def run(
+    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
+    folder: Annotated[Path, typer.Option("-o", "--output", help="Where the report goes.")] = Path(
+        "report"
+    ),
+    samples: Annotated[int, typer.Option(min=1, help="Random inputs to verify on.")] = 20_000,
+    json: Json = False,
+) -> None:
+    """Derive, generate, verify, build for PowerPC, fly it in the loop and write the report."""
+    from pfaffian.cli.main_job import run_main_job
+
+    run_main_job(model, folder, samples, json)
+
+
+@bench_app.command("regenerate")
+def bench_regenerate(
+    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
+    runs: Annotated[int, typer.Option(min=1, help="Whole processes of each kind.")] = 5,
+    json: Json = False,
+) -> None:
+    """Time a regeneration after a parameter change: whole processes, cold and warm."""
+    from pfaffian.cli.bench import bench_regeneration
+
+    bench_regeneration(model, runs, json)
+
+
+def main() -> None:
+    """Run the command line; errors of ours become a message and their exit code."""
+    try:
+        app()
+    except PfaffianError as error:
+        if "--json" in sys.argv:
+            output.emit_json(
+                {
+                    "error": {
+                        "message": error.message,
+                        "remedy": error.remedy,
+                        "exit_code": error.exit_code,
+                    }
+                }
+            )
+        output.err.print(f"[bold red]error:[/] {_escaped(error.message)}", soft_wrap=True)
+        if error.remedy:
+            output.err.print(f"  {_escaped(error.remedy)}", soft_wrap=True)
+        sys.exit(error.exit_code)
+
+
+def _escaped(text: str) -> str:
+    from rich.markup import escape
+
+    return escape(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""`pfaffian run`: the main job, from the specification to the report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import CheckError, InputError
+
+
+def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> None:
+    """Derive, generate, verify, build, fly and report; leave one page in `folder`."""
+    from pfaffian.cli.check import verification
+    from pfaffian.cli.flights import fly_both
+    from pfaffian.runtime.firmware import build_controller
+    from pfaffian.runtime.generated_model import open_generated
+    from pfaffian.runtime.report import ReportData, render_report
+    from pfaffian.runtime.scenario import read_scenario, scenario_paths
+
+    page = _page_path(folder, reference)
+    generated = _regenerate(reference)
+    checked = verification(reference, samples, None, generated)
+    code = open_generated(str(generated))
+    output.note("building the controller for the PowerPC 750")
+    _, built = build_controller(code, "ppc750")
+    scenarios = [read_scenario(name, generated) for name in scenario_paths()]
+    flights = [fly_both(s) for s in scenarios if s.folder.manifest.model == code.manifest.model]
+    flights.sort(key=lambda flight: flight[0].scenario.set_name)
+    data = ReportData(
+        folder=code,
+        flights=tuple(t for t, _ in flights),
+        verification=checked,
+        build=built,
+        agreement={d["scenario"]: d["differing_bits"] for _, d in flights},
+    )
+    page.write_text(render_report(data), encoding="utf-8")
+    document = {
+        "model": code.manifest.model,
+        "generated": str(generated),
+        "verification": checked,
+        "build": built,
+        "flights": [d for _, d in flights],
+        "report": str(page),
+    }
+    if as_json:
+        output.emit_json(document)
+    else:
+        _print_summary(document)
+    _judge(document)
+
+
+def _page_path(folder: Path, reference: str) -> Path:
+    """Return the report's path, having made sure that it can be written before the long work."""
+    page = folder / f"{Path(reference).name}.html"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with page.open("ab"):
+            pass
+        if page.stat().st_size == 0:
+            page.unlink()
+    except OSError as error:
+        raise InputError(
+            f"{page}: cannot be written ({error.strerror})", remedy="choose another folder with -o"
+        ) from error
+    return page
+
+
+def _regenerate(reference: str) -> Path:
+    from pfaffian.derive.emit.emitter import Emission
+    from pfaffian.derive.generation import generate
+    from pfaffian.derive.library import find_model
+    from pfaffian.derive.pipeline import library_sets, lowered_model
+    from pfaffian.derive.writer import write_generation
+
+    source = find_model(reference)
+    output.note(f"deriving {source.name} and generating its code")
+    model = lowered_model(source)
+    target = Path("generated") / source.name
+    write_generation(generate(Emission(model, library_sets(model, source))), target)
+    return target
+
+
+def _print_summary(document: dict[str, Any]) -> None:
+    checked, built = document["verification"], document["build"]
+    rows: list[tuple[str, object]] = [
+        ("derived and generated", document["generated"]),
+        (
+            "verified",
+            f"{checked['samples']} samples, worst {checked['worst_scaled_ulp']:.3g} scaled ulp",
+        ),
+        (
+            "host and target",
+            f"{checked['target_mismatches']} of {checked['target_samples']} samples differ",
+        ),
+        (
+            "code on the PowerPC 750",
+            f"{built['text_bytes']} B text, {built['stack_bytes']} B stack, "
+            f"{built['instructions_per_step']} instructions a step",
+        ),
+    ]
+    for flight in document["flights"]:
+        coordinates = [k.removeprefix("iae_") for k in flight if k.startswith("iae_")]
+        figures = "; ".join(
+            f"{q}: IAE {flight[f'iae_{q}']:.4g}, MAE2 {flight[f'mae2_{q}']:.3g}"
+            for q in coordinates
+        )
+        rows.append(
+            (
+                f"{flight['scenario']}, in the loop",
+                f"{figures}; {flight['differing_bits']} bits differ from the host",
+            )
+        )
+    rows.append(("report", document["report"]))
+    output.table(f"{document['model']}: the main job", ("step", "result"), rows)
+
+
+def _judge(document: dict[str, Any]) -> None:
+    differing = sum(f["differing_bits"] for f in document["flights"])
+    if not document["verification"]["passed"] or differing:
+        raise CheckError("the main job found an error: see the table and the report")

@@ -1,0 +1,126 @@
+"""`pfaffian generate` and `pfaffian build`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import CheckError, InputError
+
+if TYPE_CHECKING:
+    from pfaffian.derive.parameter_set import ParameterSet
+
+
+def generate_files(
+    reference: str,
+    set_name: str | None,
+    params: Path | None,
+    folder: Path | None,
+    check: bool,
+    as_json: bool,
+) -> None:
+    """Generate a model's files into `folder`, or compare them with what is there."""
+    from pfaffian.derive.emit.emitter import Emission
+    from pfaffian.derive.generation import generate
+    from pfaffian.derive.library import find_model
+    from pfaffian.derive.pipeline import (
+        StageClock,
+        library_sets,
+        lowered_model,
+        parameter_set,
+    )
+    from pfaffian.derive.writer import drift, write_generation
+
+    if set_name and params:
+        raise InputError("--set and --params are both given", remedy="give one of them")
+    source = find_model(reference)
+    clock = StageClock()
+    model = lowered_model(source, clock)
+    since = time.perf_counter()
+    sets: tuple[ParameterSet, ...]
+    if params:
+        sets = (parameter_set(model, source, params),)
+    elif set_name:
+        sets = (parameter_set(model, source, source.set_path(set_name)),)
+    else:
+        sets = library_sets(model, source)
+    clock.record("parameters", since)
+    since = time.perf_counter()
+    generation = generate(Emission(model, sets))
+    clock.record("emit", since)
+    target = folder or Path("generated") / source.name
+    if check:
+        _report_drift(drift(generation, target), target, source.name, as_json)
+        return
+    since = time.perf_counter()
+    changed = write_generation(generation, target)
+    clock.record("write", since)
+    if as_json:
+        output.emit_json(
+            {
+                "model": model.name,
+                "folder": str(target),
+                "model_sha256": model.sha256,
+                "sets": [s.name for s in sets],
+                "files": len(generation.files),
+                "changed": changed,
+                "seconds": {k: round(v, 4) for k, v in clock.seconds.items()},
+            }
+        )
+        return
+    split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
+    output.out.print(
+        f"{model.name} ({', '.join(s.name for s in sets)}): {len(generation.files)} files in "
+        f"{target}, {len(changed)} changed ({split})",
+        soft_wrap=True,
+    )
+
+
+def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:
+    if as_json:
+        output.emit_json({"drift": bool(difference), "diff": difference})
+    elif difference:
+        print(difference, end="")
+    if difference:
+        raise CheckError(
+            f"{target} has drifted from what pfaffian {name} generates now",
+            remedy=f"look at the difference, then: pfaffian generate {name} -o {target}",
+        )
+    if not as_json:
+        output.out.print(f"{target} is what pfaffian generates now")
+
+
+def build_image(
+    reference: str,
+    target_name: str,
+    toolchain: str,
+    folder: Path | None,
+    generated: Path | None,
+    as_json: bool,
+) -> None:
+    """Compile a generated controller and report what it costs."""
+    from pfaffian.runtime.firmware import build_controller
+    from pfaffian.runtime.generated_model import open_generated
+
+    source = open_generated(str(generated or reference))
+    output.note(f"building {source.manifest.model} for {target_name}")
+    image, report = build_controller(source, target_name, toolchain)
+    if folder:
+        suffix = "so" if target_name == "host" else "elf"
+        path = folder / f"{source.manifest.model}-{target_name}.{suffix}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(image)
+        except OSError as error:
+            raise InputError(
+                f"{path}: cannot be written ({error.strerror})", remedy="choose another -o"
+            ) from error
+        report = {**report, "image": str(path)}
+    if as_json:
+        output.emit_json(report)
+    else:
+        output.table(
+            f"{source.manifest.model} on {target_name}", ("figure", "value"), list(report.items())
+        )
