@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 
 class Op(StrEnum):
@@ -162,23 +163,16 @@ def program_to_json(program: Program) -> dict[str, object]:
     }
 
 
-def program_from_json(document: Mapping[str, object]) -> Program:
+def program_from_json(document: Mapping[str, Any]) -> Program:
     """Rebuild the program that `program_to_json` wrote."""
-    raw: dict[str, list[list[object]]] = dict(document)  # type: ignore[arg-type]
     return Program(
-        name=str(document["name"]),
-        title=str(document["title"]),
-        inputs=tuple(Signal(*map(str, s)) for s in raw["inputs"]),
+        name=document["name"],
+        title=document["title"],
+        inputs=tuple(Signal(*s) for s in document["inputs"]),
         instructions=tuple(
-            Instruction(
-                Op(op),
-                tuple(args),
-                float.fromhex(value),
-                str(name),
-                str(comment),  # type: ignore[arg-type]
-            )
-            for op, args, value, name, comment in raw["instructions"]
+            Instruction(Op(op), tuple(args), float.fromhex(value), name, comment)
+            for op, args, value, name, comment in document["instructions"]
         ),
-        outputs=tuple(Signal(*map(str, s)) for s in raw["outputs"]),
-        results=tuple(document["results"]),  # type: ignore[arg-type]
+        outputs=tuple(Signal(*s) for s in document["outputs"]),
+        results=tuple(document["results"]),
     )

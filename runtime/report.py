@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import unescape
 from importlib.resources import files
 from typing import Any
 from xml.etree import ElementTree
@@ -14,14 +14,15 @@ from xml.etree import ElementTree
 import jinja2
 from latex2mathml.converter import convert_to_element
 from markupsafe import Markup, escape
-
 from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.generated_model import GeneratedFolder
 from pfaffian.runtime.manifest import Field, Manifest
 from pfaffian.runtime.metrics import status_counts, tracking_metrics
 from pfaffian.runtime.report_figures import (
     animation_data,
+    count_text,
     history_figures,
+    number_text,
     symbol_text,
     unit_text,
     verification_figure,
@@ -34,6 +35,19 @@ SETTLED_PART = 0.1
 #: Sections with more equations than this are folded.
 _LONG_SECTION = 12
 _SAMPLED = "sampled: "
+#: Pieces of the printer's LaTeX: kept as they are, a name of the generated code, or bare words.
+_WORDS = re.compile(
+    r"\\mathrm\{(?P<name>[^}]*)\}"
+    r"|(?P<kept>\\(?:begin|end|text|operatorname)\{[^}]*\}|\\\\|\\[a-zA-Z]+)"
+    r"|(?P<word>[a-z]{2,}|[a-zA-Z](?=_\{\w+ )|(?=_\{[a-z]{2}))(?:_\{(?P<index>\w+(?: \w+)*)\})?"
+)
+_GREEK = frozenset(("alpha", "beta", "gamma", "delta", "kappa", "mu", "phi", "psi", "sigma", "tau"))
+_FUNCTIONS = {n: n for n in ("sin", "cos", "tan", "tanh", "exp", "max", "min")} | {
+    "atan": "arctan", "sign": "sgn"}
+_LETTERS = {"sigma": "ς", "eta": "η", "pi": "π", "Pi": "Π", "ahat": "â", "bhat": "b̂",
+            "beta": "β"}
+_SIGNS = {"plus": "+", "minus": "-"}
+_ACCENTS = {"^": "\u02c6", "~": "\u02dc", "\u02d9": "\u02d9", "\u2015": "_"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +70,7 @@ def render_report(data: ReportData) -> str:
     labels = flight_labels(data.flights)
     derivation = json.loads((data.folder.path / "derivation.json").read_text(encoding="utf-8"))
     rows = list(data.verification.get("functions", ()))
-    limit = float(data.verification.get("limit", ULP_LIMIT))
+    limit = float(data.verification.get("limit_ulp", ULP_LIMIT))
     animation = animation_data(data.flights, labels)
     context = {
         "manifest": data.folder.manifest,
@@ -69,6 +83,7 @@ def render_report(data: ReportData) -> str:
         "flights": [_flight(f, label, data.agreement)
                     for f, label in zip(data.flights, labels, strict=True)],
         "tracking_rows": _tracking_rows(data.flights),
+        "sample_time": f"{1e3 * data.flights[0].scenario.sample_time:g} ms",
         "animation": None if animation is None else _embedded(animation),
         "histories": history_figures(data.flights, labels),
         "verification_figure": verification_figure(rows, limit),
@@ -80,9 +95,10 @@ def render_report(data: ReportData) -> str:
 
 def flight_labels(flights: Sequence[Trajectory]) -> list[str]:
     """Return a short name of each flight: its title without what all titles begin with."""
-    titles = [f.scenario.title for f in flights]
-    common = os.path.commonprefix(titles).rfind(", ") + 2 if len(set(titles)) > 1 else 0
-    short = [title[max(common, 0):] if common >= 2 else title for title in titles]
+    titles = [f.scenario.title.split(", ") for f in flights]
+    while len(titles) > 1 and all(len(t) > 1 and t[0] == titles[0][0] for t in titles):
+        titles = [t[1:] for t in titles]
+    short = [", ".join(t) for t in titles]
     if len(set(short)) < len(short):
         short = [f"{label} ({f.mode})" for label, f in zip(short, flights, strict=True)]
     if len(set(short)) < len(short):
@@ -103,25 +119,9 @@ def _environment() -> jinja2.Environment:
         autoescape=True,
     )
     environment.filters |= {
-        "number": _number, "count": _count, "unit": unit_text, "symbol": symbol_text,
+        "number": number_text, "count": count_text, "unit": unit_text, "symbol": symbol_text,
     }
     return environment
-
-
-def _number(value: object, digits: int = 4) -> str:
-    """Return a number to `digits` significant digits, with a typographic power of ten."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
-        return str(value)
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    text = mantissa.replace("-", "−")
-    if exponent:
-        text += Markup("&#8239;·&#8239;10<sup>{}</sup>").format(str(int(exponent)).replace("-", "−"))
-    return text
-
-
-def _count(value: object) -> str:
-    """Return a whole number in groups of three digits."""
-    return f"{value:,}".replace(",", "\u202f") if isinstance(value, int) else _number(value)
 
 
 def _embedded(document: object) -> Markup:
@@ -191,11 +191,12 @@ def _flight(flight: Trajectory, label: str, agreement: Mapping[str, int]) -> dic
     }
 
 
-def _quantities(values: Mapping[str, float], fields: Mapping[str, Field]) -> str:
+def _quantities(values: Mapping[str, float], fields: Mapping[str, Field]) -> Markup:
     """Return values with their units on one line."""
-    words = (f"{symbol_text(n)} = {_number(v)} {unit_text(fields[n].unit)}".rstrip()
-             for n, v in values.items())
-    return ", ".join(words)
+    return Markup(", ").join(
+        Markup("{} = {} {}").format(symbol_text(n), number_text(v), unit_text(fields[n].unit))
+        for n, v in values.items()
+    )
 
 
 def _tracking_rows(flights: Sequence[Trajectory]) -> list[dict[str, Any]]:
@@ -232,7 +233,7 @@ def _parameter_table(manifest: Manifest) -> dict[str, Any]:
             zeros.append(name)
             continue
         field = fields.get(name, Field(name, "double", "", ""))
-        rows.append({"name": name, "unit": field.unit, "description": field.description,
+        rows.append({"name": name, "unit": field.unit, "description": _typeset(field.description),
                      "values": values})
     return {"names": list(sets), "rows": rows, "zeros": zeros}
 
@@ -268,7 +269,105 @@ def _numbered(text: str) -> tuple[str, str]:
 
 
 def _typeset(caption: str) -> Markup:
-    """Return a caption with its powers and indices raised and lowered."""
-    text = str(escape(caption.replace("''", "̈").replace("M^-1", "M^−1")))
-    text = re.sub(r"\^(−?\d+)", r"<sup>\1</sup>", text)
-    return Markup(re.sub(r"\b([A-Za-z])(\d)\b", r"\1<sub>\2</sub>", text))
+    """Return a caption with derivatives dotted, powers raised and indices lowered."""
+    text = re.sub(r"\b([A-Za-z])''", "\\1\u0308", caption)
+    text = re.sub(r"\b([A-Za-z])'", "\\1\u0307", text).replace(" - ", " − ").replace("^-", "^−")
+    text = re.sub(r"[A-Za-z]+", lambda m: _LETTERS.get(m[0], m[0]), text)
+    text = re.sub(r"\^(−?\d+)", r"<sup>\1</sup>", str(escape(text)))
+    return Markup(re.sub(r"\b([A-Za-z])(c?\d)\b", r"\1<sub>\2</sub>", text))
+
+
+def mathml(latex: str) -> Markup:
+    """Return an equation in the printer's LaTeX as presentation MathML."""
+    root = convert_to_element(_WORDS.sub(_as_text, latex), display="block")
+    _mend(root)
+    for parent in [e for e in root.iter() if e.tag in ("math", "mrow", "mtd", "mstyle", "msqrt")]:
+        _separate_factors(parent)
+    root.attrib.pop("xmlns", None)
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def _as_text(found: re.Match[str]) -> str:
+    """Return a piece of LaTeX with names of several letters set as words, as in `_WORDS`."""
+    if found["kept"]:
+        return found["kept"].replace("\\text{for}", "\\text{if}")
+    if found["name"]:
+        word, *indices = found["name"].replace("\\_", "_").split("_")
+        letters, digits = re.fullmatch(r"(.*?)(\d*)", word).groups()  # type: ignore[union-attr]
+        return _name_latex(letters, [digits] * bool(digits) + indices)
+    return _name_latex(found["word"], (found["index"] or "").split())
+
+
+def _name_latex(letters: str, indices: Sequence[str]) -> str:
+    """Return the LaTeX of a name in the generated code: `bhat`, `next` as b with hat and index."""
+    base = letters
+    if letters in _GREEK:
+        base = f"\\{letters}"
+    elif re.fullmatch("[a-z]hat", letters):
+        base = f"\\hat{{{letters[0]}}}"
+    elif len(letters) > 1:
+        base = f"\\text{{{letters}}}"
+    return base + "_{" * bool(indices) + _index_latex(letters, indices) + "}" * bool(indices)
+
+
+def _index_latex(letters: str, indices: Sequence[str]) -> str:
+    """Return indices in LaTeX; `q1`, `plus`, `q2` become a sum, and words stay apart."""
+    pieces: list[str] = []
+    for index in indices:
+        symbol = re.fullmatch(r"([a-zA-Z])(\d+)", index)
+        if index in _SIGNS:
+            pieces.append(_SIGNS[index])
+        elif symbol and len(letters) != 1:
+            pieces.append(f"{symbol[1]}_{{{symbol[2]}}}")
+        elif symbol and symbol[1] == letters:
+            pieces.append(symbol[2])
+        elif index.isalpha() and len(index) > 1:
+            pieces.append(("\\ " if pieces else "") + f"\\text{{{index}}}")
+        else:
+            pieces.append(index)
+    return "".join(pieces)
+
+
+def _mend(root: ElementTree.Element) -> None:
+    """Repair what the converter sets badly: words, function names and accents."""
+    for element in root.iter():
+        text = element.text = unescape(element.text or "")
+        if element.tag == "mtext" and text not in ("if", "otherwise"):
+            element.tag = "mi"
+        elif element.tag == "mo" and text.isalpha():
+            element.tag, element.text = "mi", _FUNCTIONS.get(text, text)
+        elif element.tag == "mo" and text in _ACCENTS:
+            element.text = _ACCENTS[text]
+            element.set("stretchy", "false")
+        elif element.tag in ("mover", "munder"):
+            element.set("accent" if element.tag == "mover" else "accentunder", "true")
+
+
+def _separate_factors(parent: ElementTree.Element) -> None:
+    """Put a dot between factors of which one is a word, and a space before functions."""
+    children = list(parent)
+    for one, other in zip(reversed(children[:-1]), reversed(children[1:]), strict=True):
+        first, second = _base(one), _base(other)
+        applied = first in _FUNCTIONS.values() and other.tag == "mrow"
+        if not (_is_factor(one) and _is_factor(other)) or applied:
+            continue
+        where = list(parent).index(other)
+        if {first, second} & {*_FUNCTIONS.values()}:
+            parent.insert(where, ElementTree.Element("mspace", width="0.167em"))
+        elif len(first) > 1 or len(second) > 1:
+            dot = ElementTree.Element("mo")
+            dot.text = "\u22c5"
+            parent.insert(where, dot)
+
+
+def _is_factor(element: ElementTree.Element) -> bool:
+    return element.tag not in ("mo", "mspace", "mtext", "mtable")
+
+
+def _base(element: ElementTree.Element) -> str:
+    """Return the name that an element with or without indices belongs to, else nothing."""
+    while element.tag in ("msub", "msup", "msubsup") or (
+        element.tag == "mrow" and len(element) == 1
+    ):
+        element = element[0]
+    return (element.text or "") if element.tag == "mi" else ""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -52,7 +53,7 @@ class Figure:
 
     name: str
     caption: str
-    svg: str
+    svg: Markup
 
 
 def unit_text(unit: str) -> str:
@@ -65,6 +66,26 @@ def symbol_text(name: str) -> str:
     """Return a signal's name as it is printed: `q1` as q₁, `tau` as τ."""
     word, digits = re.fullmatch(r"(.*?)(\d*)", name).groups()  # type: ignore[union-attr]
     return _LETTERS.get(word, word) + digits.translate(_SUBSCRIPTS)
+
+
+def number_text(value: object, digits: int = 4, measured: bool = False) -> str:
+    """Return a number to `digits` significant digits, with a typographic power of ten.
+
+    A `measured` number keeps the zeros at its end.
+    """
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return "–" if value is None else str(value)
+    mantissa, _, exponent = f"{value:{'#' * measured}.{digits}g}".partition("e")
+    text = mantissa.replace("-", "−")
+    if exponent:
+        power = str(int(exponent)).replace("-", "−")
+        text += Markup("&#8239;·&#8239;10<sup>{}</sup>").format(power)
+    return text
+
+
+def count_text(value: object) -> str:
+    """Return a whole number in groups of three digits."""
+    return f"{value:,}".replace(",", "\u202f") if isinstance(value, int) else number_text(value)
 
 
 def history_figures(flights: Sequence[Trajectory], labels: Sequence[str]) -> tuple[Figure, ...]:
@@ -93,11 +114,15 @@ class _Plot:
                       color=_FLIGHTS[k % len(_FLIGHTS)], linestyle=_DASHES[k % len(_DASHES)])
         axes.set_xlabel("time [s]")
         axes.set_ylabel(ylabel)
-        axes.set_xlim(0.0, max(float(f.time[-1]) for f in self.flights))
+        axes.set_xlim(0.0, self.end())
         axes.margins(y=0.08)
         decorate(axes)
         _legend(axes)
         return Figure(name, caption, _inline_svg(canvas, name, caption, axes))
+
+    def end(self) -> float:
+        """Return the end of the last period of the longest flight, in seconds."""
+        return max(f.scenario.steps * f.scenario.sample_time for f in self.flights)
 
     def values(self, key: str) -> tuple[float, ...]:
         """Return the different values of a controller parameter among the flights."""
@@ -129,7 +154,9 @@ def _quantity(field: Field) -> str:
 
 def _meaning(field: Field) -> str:
     """Return the symbol and description of a signal, without the numbers of equations."""
-    return f"{symbol_text(field.name)}, {re.sub(r', [(][0-9]+[)]', '', field.description)}"
+    words = re.sub(r", [(][0-9]+[)]", "", field.description)
+    spelled = field.name.replace("_", " ") if words == "ahat" else words
+    return f"{symbol_text(field.name)}, {spelled}"
 
 
 def _coordinate(plot: _Plot, field: Field) -> Figure:
@@ -148,7 +175,7 @@ def _error(plot: _Plot, field: Field) -> Figure:
 
     def decorate(axes: Axes) -> None:
         axes.set_yscale("log", nonpositive="mask")
-        end = max(float(f.time[-1]) for f in plot.flights)
+        end = plot.end()
         axes.axvspan(max(end - _LAST_SECONDS, 0.0), end, color=_MUTED, alpha=0.13, linewidth=0)
         axes.text(end - _LAST_SECONDS / 2, 0.96, "MAE2", transform=axes.get_xaxis_transform(),
                   ha="center", va="top", color=_MUTED, fontsize=7)
@@ -260,7 +287,7 @@ def verification_figure(rows: Sequence[Mapping[str, Any]], limit: float) -> Figu
         return Figure("verification", caption, _inline_svg(canvas, "verification", caption))
 
 
-def _inline_svg(canvas: Canvas, name: str, caption: str, time_axes: Axes | None = None) -> str:
+def _inline_svg(canvas: Canvas, name: str, caption: str, time_axes: Axes | None = None) -> Markup:
     """Return a figure as SVG for HTML: own ids, the page's colours and font, short numbers.
 
     With `time_axes` the root says where the time axis lies, for a cursor to find its place.
@@ -280,7 +307,8 @@ def _inline_svg(canvas: Canvas, name: str, caption: str, time_axes: Axes | None 
         svg = svg.replace(colour, f"var(--{variable}, {colour})")
     width, height = (72.0 * size for size in canvas.get_size_inches())
     root = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{_escape(caption)}"'
-    return root + (_time_axis(time_axes, width, height) if time_axes else "") + svg[svg.index(">"):]
+    axis = _time_axis(time_axes, width, height) if time_axes else ""
+    return Markup(f"{root}{axis}{svg[svg.index('>'):]}")
 
 
 def _time_axis(axes: Axes, width: float, height: float) -> str:
@@ -322,16 +350,20 @@ def animation_data(
             return None
         stride = max(1, round(1.0 / (_FRAME_RATE * scenario.sample_time)))
         manifest = scenario.folder.manifest
+        torque = next(f for f in manifest.structures["output"].fields
+                      if f.name == manifest.actuators[0])
         rows.append({
             "label": label,
+            "names": [symbol_text(q) for q in manifest.coordinates],
+            "unit": unit_text(torque.unit),
             "frame": stride * scenario.sample_time,
             "links": [float(f"{length:.4g}") for length in links],
             "setpoint": [round(scenario.setpoint[q], 4) for q in manifest.coordinates],
             "angles": [_rounded(flight.measured[q][::stride], 4) for q in manifest.coordinates],
-            "torque": _rounded(flight.output[manifest.actuators[0]][::stride], 3),
+            "torque": _rounded(flight.output[torque.name][::stride], 3),
         })
     return {"flights": rows}
 
 
-def _rounded(values: Iterable[float], digits: int) -> list[float]:
-    return [round(float(v), digits) + 0.0 for v in values]
+def _rounded(values: Iterable[float], digits: int) -> list[float | None]:
+    return [round(float(v), digits) + 0.0 if np.isfinite(v) else None for v in values]

@@ -28,7 +28,7 @@ ZIG_PPC_FLAGS = (
     "-Wl,--image-base=0x10000",
 )
 GCC_PPC = "powerpc-linux-gnu-gcc"
-GCC_PPC_FLAGS = ("-Wl,-Ttext-segment=0x10000",)
+GCC_PPC_FLAGS = ("-fno-pie", "-no-pie", "-Wl,-Ttext-segment=0x10000")
 
 
 @dataclass(frozen=True)

@@ -196,9 +196,10 @@ class _Judge:
                 column = outputs[signal.name]
                 size = len(column)
                 errors = np.where(clear[:size], absolute_error(column, exact[:size]), 0.0)
-                scaled = errors / units[:size]
+                with np.errstate(over="ignore"):
+                    scaled = errors / units[:size]
+                    strict = float((errors / strict_units[:size]).max())
                 tally = tallies.setdefault((self.block.name, language), _Tally())
-                strict = float((errors / strict_units[:size]).max())
                 tally.worst_by_input = max(tally.worst_by_input, strict)
                 worst = int(np.argmax(scaled))
                 if scaled[worst] > tally.worst:

@@ -84,5 +84,7 @@ def absolute_error(computed: np.ndarray[Any, Any], exact: list[Any]) -> np.ndarr
     errors = np.empty(len(exact))
     with gmpy2.context(precision=PRECISION_BITS):
         for k, (value, reference) in enumerate(zip(computed.tolist(), exact, strict=True)):
-            errors[k] = abs(reference - value) if math.isfinite(value) else math.inf
+            error = float(abs(reference - value)) if math.isfinite(value) else math.inf
+            # An oracle without an answer (0/0 in the formulas) must not pass for agreement.
+            errors[k] = math.inf if math.isnan(error) else error
     return errors

@@ -1,0 +1,42 @@
+# Two commands do it all: `make run` (the main job) and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+JOBS ?= 2
+
+.PHONY: run test lint check verify bench setup clean
+
+run: $(READY)
+	$(BIN)/pfaffian run
+
+test: $(READY) lint
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# The slow form of the verification, and the benchmarks.
+verify: $(READY)
+	$(BIN)/pfaffian verify pendubot --samples 100000
+
+bench: $(READY)
+	$(BIN)/pfaffian bench regenerate
+
+setup: $(READY)
+
+$(READY): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "pfaffian needs Python 3.11 or newer; name one with: make PYTHON=python3.12 ..."; exit 3; }
+	@echo "setting up $(VENV) from requirements.lock (once)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); \
+	  echo "Python's venv module is missing; get it with: apt-get install python3-venv"; exit 3; }
+	$(BIN)/python -m pip install --disable-pip-version-check --progress-bar off -r requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(READY)
+
+clean:
+	rm -rf $(VENV) build dist report .mypy_cache .pytest_cache .ruff_cache .hypothesis
