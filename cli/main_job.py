@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,21 @@ def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> N
     """Derive, generate, verify, build, fly and report; leave one page in `folder`."""
     from pfaffian.cli.check import verification
     from pfaffian.cli.flights import fly_both
+    from pfaffian.derive.library import find_model
+    from pfaffian.runtime.cache import write_whole
     from pfaffian.runtime.firmware import build_controller
     from pfaffian.runtime.generated_model import open_generated
     from pfaffian.runtime.report import ReportData, render_report
-    from pfaffian.runtime.scenario import read_scenario, scenario_paths
+    from pfaffian.runtime.scenario import read_scenario, report_scenarios
 
+    scenarios = report_scenarios(find_model(reference).name)
     page = _page_path(folder, reference)
     generated = _regenerate(reference)
     checked = verification(reference, samples, None, generated)
     code = open_generated(str(generated))
     output.note("building the controller for the PowerPC 750")
     _, built = build_controller(code, "ppc750")
-    scenarios = [read_scenario(name, generated) for name in scenario_paths()]
-    flights = [fly_both(s) for s in scenarios if s.folder.manifest.model == code.manifest.model]
+    flights = [fly_both(read_scenario(name, generated)) for name in scenarios]
     flights.sort(key=lambda flight: flight[0].scenario.set_name)
     data = ReportData(
         folder=code,
@@ -34,7 +37,7 @@ def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> N
         build=built,
         agreement={d["scenario"]: d["differing_bits"] for _, d in flights},
     )
-    page.write_text(render_report(data), encoding="utf-8")
+    write_whole(page, render_report(data).encode())
     document = {
         "model": code.manifest.model,
         "generated": str(generated),
@@ -55,10 +58,8 @@ def _page_path(folder: Path, reference: str) -> Path:
     page = folder / f"{Path(reference).name}.html"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with page.open("ab"):
+        with tempfile.TemporaryFile(dir=folder):
             pass
-        if page.stat().st_size == 0:
-            page.unlink()
     except OSError as error:
         raise InputError(
             f"{page}: cannot be written ({error.strerror})", remedy="choose another folder with -o"

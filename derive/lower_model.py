@@ -6,6 +6,7 @@ import hashlib
 import json
 
 from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.elementary import render_context
 from pfaffian.derive.lowered import ActuatorInterface, CoordinateInterface, LoweredModel
 from pfaffian.derive.lowering import lower
 from pfaffian.derive.program import program_to_json
@@ -34,5 +35,6 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
             ("derivation.json", derivation_json(derivation)),
         ),
         tools=tools,
+        elementary=render_context(),
         sha256=hashlib.sha256(content.encode()).hexdigest(),
     )

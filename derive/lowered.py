@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.program import Program, program_from_json, program_to_json
@@ -31,7 +33,10 @@ class ActuatorInterface:
 
 @dataclass(frozen=True)
 class LoweredModel:
-    """Programs, declarations and readable documents of one model; `sha256` identifies it."""
+    """Programs, declarations and readable documents of one model; `sha256` identifies it.
+
+    `elementary` holds the coefficients of the elementary functions, ready for their templates.
+    """
 
     name: str
     title: str
@@ -42,6 +47,7 @@ class LoweredModel:
     programs: tuple[Program, ...]
     documents: tuple[tuple[str, str], ...]
     tools: tuple[tuple[str, str], ...]
+    elementary: Mapping[str, Any]
     sha256: str
 
     def program(self, name: str) -> Program:
@@ -79,6 +85,7 @@ def lowered_from_json(text: str) -> LoweredModel:
         title=d["title"],
         source=d["source"],
         sha256=d["sha256"],
+        elementary=d["elementary"],
         coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),

@@ -40,7 +40,7 @@ _DERIVATION_CODE = (
     "spec",
     "zero_dynamics",
 )
-_LOWERING_CODE = ("lower_model", "lowered", "lowering", "render")
+_LOWERING_CODE = ("elementary", "lower_model", "lowered", "lowering", "render")
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 

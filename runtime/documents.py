@@ -11,6 +11,7 @@ from pfaffian.runtime.errors import InputError
 
 def read_toml(path: Path) -> dict[str, object]:
     """Return the document in `path`; raise `InputError` where it is unreadable or malformed."""
+    remedy = "mend the line named in the message"
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -19,9 +20,11 @@ def read_toml(path: Path) -> dict[str, object]:
         ) from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text", remedy="save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # the parser's own, and an integer of thousands of digits
+        raise InputError(f"{path}: is not valid TOML: {error}", remedy=remedy) from error
+    except RecursionError as error:
         raise InputError(
-            f"{path}: is not valid TOML: {error}", remedy="mend the line named in the message"
+            f"{path}: is nested too deeply", remedy="write tables and values one level deep"
         ) from error
 
 

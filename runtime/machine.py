@@ -50,6 +50,12 @@ class HostMachine:
         """Call `function` with integers as uint32_t and arrays as pointers."""
         entry = getattr(self._library, function)
         entry.restype = ctypes.c_uint32
+        for argument in arguments:
+            if not isinstance(argument, int) and not argument.flags.c_contiguous:
+                # C would read and write what lies between the records.
+                raise CheckError(
+                    f"{function}: an array is not contiguous", remedy="pass a copy of the slice"
+                )
         passed = [
             ctypes.c_uint32(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
             for a in arguments
@@ -92,7 +98,6 @@ class Ppc750Machine:
             if isinstance(argument, int):
                 words.append(argument)
                 continue
-            self._machine.mem_write(address, argument.tobytes())
             placed.append((address, argument))
             words.append(address)
             address += (argument.nbytes + 31) & ~31
@@ -100,6 +105,8 @@ class Ppc750Machine:
             raise CheckError(
                 "a batch is larger than the emulated memory", remedy="use fewer samples"
             )
+        for where, argument in placed:
+            self._machine.mem_write(where, argument.tobytes())
         result = self._run(self.symbols[function], words)
         for where, argument in placed:
             if argument.flags.writeable:

@@ -10,6 +10,11 @@ from typing import Any
 from pfaffian.runtime.errors import InputError
 
 _PLAIN = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+#: An exponent a unit may have: a short number, and no further power on top of it.
+_EXPONENT = re.compile(r"(?:\*\*|\^)\s*\(?[+-]?\d{1,2}(?:[./]\d{1,2})?\)?(?!\s*(?:\*\*|\^|\d))")
+#: A number that is not part of a name.
+_NUMBER = re.compile(r"(?<![\w.])[\d.]+")
+_LONGEST_UNIT = 100
 
 
 @functools.cache
@@ -31,7 +36,7 @@ def parse_quantity(raw: object, unit: str, where: str) -> float:
     if not isinstance(raw, str):
         if unit:
             raise InputError(f"{where}: {raw!r} has no unit", remedy=_example(unit))
-        return _finite(float(raw), where)
+        return _finite(_float(raw), where)
     match = _PLAIN.fullmatch(raw)
     if match is None:
         raise InputError(f"{where}: {raw!r} is not a number with a unit", remedy=_example(unit))
@@ -41,21 +46,43 @@ def parse_quantity(raw: object, unit: str, where: str) -> float:
     return _finite(_convert(number, given, unit, where), where)
 
 
+def _float(number: int | float) -> float:
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
+
+
+def _is_plain(given: str) -> bool:
+    """Return whether a unit is short, and no arithmetic: pint would compute 9**9**9**9 as told."""
+    rest = _EXPONENT.sub("", given)
+    numbers = set(_NUMBER.findall(rest))
+    return len(given) <= _LONGEST_UNIT and numbers <= {"1"} and "**" not in rest and "^" not in rest
+
+
 def _convert(number: float, given: str, unit: str, where: str) -> float:
     import pint
 
     registry = unit_registry()
     try:
+        if not _is_plain(given):
+            raise ValueError(given)
         wanted = registry.parse_units(unit)
         have = registry.parse_units(given)
     except Exception as error:  # pint raises its own, tokenizer and attribute errors here
-        raise InputError(f"{where}: unknown unit {given!r}", remedy=_example(unit)) from error
+        shown = given if len(given) <= _LONGEST_UNIT else f"{given[:_LONGEST_UNIT]}..."
+        raise InputError(f"{where}: unknown unit {shown!r}", remedy=_example(unit)) from error
     try:
         return float(registry.Quantity(number, have).m_as(wanted))
     except pint.DimensionalityError as error:
         raise InputError(
             f"{where}: {given or 'dimensionless'} has dimension {have.dimensionality}, "
             f"but {unit or 'a dimensionless number'} ({wanted.dimensionality}) is needed",
+            remedy=_example(unit),
+        ) from error
+    except Exception as error:  # decibels and the like, which pint multiplies with nothing
+        raise InputError(
+            f"{where}: {given!r} does not convert to {unit or 'a plain number'}",
             remedy=_example(unit),
         ) from error
 

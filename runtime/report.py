@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -46,6 +47,7 @@ _FUNCTIONS = {n: n for n in ("sin", "cos", "tan", "tanh", "exp", "max", "min")} 
     "atan": "arctan", "sign": "sgn"}
 _LETTERS = {"sigma": "ς", "eta": "η", "pi": "π", "Pi": "Π", "ahat": "â", "bhat": "b̂",
             "beta": "β"}
+_TALL = ("mfrac", "mtable", "msqrt")
 _SIGNS = {"plus": "+", "minus": "-"}
 _ACCENTS = {"^": "\u02c6", "~": "\u02dc", "\u02d9": "\u02d9", "\u2015": "_"}
 
@@ -99,10 +101,10 @@ def flight_labels(flights: Sequence[Trajectory]) -> list[str]:
     while len(titles) > 1 and all(len(t) > 1 and t[0] == titles[0][0] for t in titles):
         titles = [t[1:] for t in titles]
     short = [", ".join(t) for t in titles]
-    if len(set(short)) < len(short):
-        short = [f"{label} ({f.mode})" for label, f in zip(short, flights, strict=True)]
-    if len(set(short)) < len(short):
-        short = [f"{label} {k}" for k, label in enumerate(short, 1)]
+    for ending in ([f.mode for f in flights], range(1, len(flights) + 1)):
+        longer = [f"{label} ({end})" for label, end in zip(short, ending, strict=True)]
+        if len(set(short)) < len(short) and len(set(longer)) == len(longer):
+            short = longer
     return short
 
 
@@ -139,8 +141,7 @@ def _function_row(row: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "function": row["function"], "language": row["language"], "error": _error_of(row),
         "output": row.get("output", ""), "samples": row.get("samples", ""),
-        "at": ", ".join(f"{symbol_text(n)} = {v:.17g}" if isinstance(v, float) else f"{n} = {v}"
-                        for n, v in point.items()),
+        "at": ", ".join(f"{name} = {value!r}" for name, value in point.items()),
     }
 
 
@@ -252,9 +253,11 @@ def _section(
         if mark is not None:
             caption = caption.removesuffix(": proved").removesuffix(": NOT proved")
             caption, source = _numbered(caption)
-        parts["sampled" if sampled else "continuous"].append({
-            "caption": _typeset(caption), "source": source, "mark": mark,
-            "math": mathml(equation["latex"]),
+        part = parts["sampled" if sampled else "continuous"]
+        repeated = bool(part) and part[-1]["plain"] == (caption, source) and mark is None
+        part.append({
+            "plain": (caption, source), "caption": _typeset("" if repeated else caption),
+            "source": source, "mark": mark, "math": mathml(equation["latex"]),
         })
     return {
         "heading": heading, "numbers": numbers, "parts": {k: v for k, v in parts.items() if v},
@@ -321,11 +324,9 @@ def _index_latex(letters: str, indices: Sequence[str]) -> str:
             pieces.append(f"{symbol[1]}_{{{symbol[2]}}}")
         elif symbol and symbol[1] == letters:
             pieces.append(symbol[2])
-        elif index.isalpha() and len(index) > 1:
-            pieces.append(("\\ " if pieces else "") + f"\\text{{{index}}}")
         else:
-            pieces.append(index)
-    return "".join(pieces)
+            pieces.append(f"\\text{{{index}}}" if index.isalpha() and len(index) > 1 else index)
+    return "".join(pieces).replace("}\\text{", " ")
 
 
 def _mend(root: ElementTree.Element) -> None:
@@ -341,11 +342,17 @@ def _mend(root: ElementTree.Element) -> None:
             element.set("stretchy", "false")
         elif element.tag in ("mover", "munder"):
             element.set("accent" if element.tag == "mover" else "accentunder", "true")
+        elif element.tag == "mrow" and not any(e.tag in _TALL for e in element.iter()):
+            for fence in element.findall("mo[@fence]"):
+                fence.set("stretchy", "false")
 
 
 def _separate_factors(parent: ElementTree.Element) -> None:
-    """Put a dot between factors of which one is a word, and a space before functions."""
+    """Put a dot between factors of which one is a word, a space before functions; mark signs."""
     children = list(parent)
+    for one, other in itertools.pairwise(children):
+        if one.tag == other.tag == "mo" and other.text == "−" and one.get("form") != "postfix":
+            other.set("form", "prefix")
     for one, other in zip(reversed(children[:-1]), reversed(children[1:]), strict=True):
         first, second = _base(one), _base(other)
         applied = first in _FUNCTIONS.values() and other.tag == "mrow"

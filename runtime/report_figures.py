@@ -57,9 +57,9 @@ class Figure:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as it is printed: `1/(kg*m^2)` as 1/(kg m²)."""
+    """Return a unit as it is printed: `1/(kg*m^2)` as 1/(kg m²), never broken."""
     raised = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(_SUPERSCRIPTS), unit)
-    return raised.replace("*", " ")
+    return raised.replace("*", "\u00a0")
 
 
 def symbol_text(name: str) -> str:
@@ -164,7 +164,7 @@ def _coordinate(plot: _Plot, field: Field) -> Figure:
 
     def decorate(axes: Axes) -> None:
         for goal in goals:
-            _level(axes, goal, f"setpoint {goal:.4g} {field.unit}")
+            _level(axes, goal, f"setpoint {goal:.4g} {unit_text(field.unit)}")
 
     return plot.figure(f"history-{field.name}", _quantity(field), f"{_meaning(field)}.",
                        lambda f: f.measured[field.name], decorate)

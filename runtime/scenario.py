@@ -15,7 +15,7 @@ from pfaffian.runtime.manifest import Structure
 from pfaffian.runtime.quantity import parse_quantity
 
 _TABLES = ("initial", "controller", "plant")
-_TOP = ("title", "source", "model", "set", "duration", "plant_substeps", *_TABLES)
+_TOP = ("title", "source", "model", "set", "duration", "plant_substeps", "in_report", *_TABLES)
 _MAX_STEPS = 10_000_000
 
 
@@ -25,7 +25,7 @@ class Scenario:
 
     `initial` holds q and q' by name, `controller` the controller's parameters, `plant` those of
     the simulated plant, both complete. The plant advances by `plant_substeps` Runge-Kutta steps a
-    period.
+    period. `in_report` marks the flights of the main job.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Scenario:
     controller: Mapping[str, float]
     plant: Mapping[str, float]
     setpoint: Mapping[str, float]
+    in_report: bool
 
     @property
     def sample_time(self) -> float:
@@ -50,6 +51,21 @@ def scenario_paths() -> dict[str, Path]:
     """Return the scenarios that come with this package, by name."""
     root = Path(str(files("pfaffian.runtime"))) / "scenarios"
     return {p.stem: p for p in sorted(root.glob("*.toml"))}
+
+
+def report_scenarios(model: str) -> list[str]:
+    """Return the names of the scenarios that the main job of `model` flies.
+
+    Raises `InputError` where there is none.
+    """
+    documents = {name: read_toml(path) for name, path in scenario_paths().items()}
+    names = [n for n, d in documents.items() if d.get("model") == model and d.get("in_report")]
+    if not names:
+        raise InputError(
+            f"no scenario of model {model} is marked for the report",
+            remedy="write a scenario with in_report = true, or fly one: pfaffian pil SCENARIO",
+        )
+    return names
 
 
 def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
@@ -85,6 +101,7 @@ def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
         controller={n: controller[n] for n in structures["params"].names()},
         plant={n: plant[n] for n in structures["plant_params"].names()},
         setpoint=_setpoint(folder, controller),
+        in_report=document.get("in_report", False) is True,
     )
     _check_domain(scenario, path)
     _check_start(scenario, path)

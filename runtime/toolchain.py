@@ -18,7 +18,7 @@ from pfaffian.runtime.errors import CheckError, MissingToolError
 from pfaffian.runtime.manifest import Manifest
 
 #: Flags every build needs for the same bits: no contraction, no library of the compiler's own.
-COMMON_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno")
+COMMON_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-g0")
 #: Build for a 32-bit big-endian PowerPC 750 without an operating system.
 PPC750_FLAGS = ("-mcpu=750", "-ffreestanding", "-fno-builtin", "-nostdlib", "-static")
 ZIG_PPC_FLAGS = (
@@ -110,8 +110,8 @@ def compile_image(
         [*target.command, "--version"], capture_output=True, check=False, timeout=120
     ).stdout
     key = digest(
-        version,
-        repr((target.name, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
+        version,  # and the words: `gcc -m32` calls itself what `gcc` does
+        repr((target.name, target.command, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
     return cached(f"image-{target.name}", key, lambda: _compile(target, sources, include, extra))

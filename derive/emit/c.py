@@ -5,8 +5,7 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 
-from pfaffian.derive.elementary import render_context
-from pfaffian.derive.emit.emitter import Emission, fill, snake
+from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
@@ -77,10 +76,11 @@ def _statement_lines(statement: Statement) -> list[str]:
         ]
     kind = "int" if statement.kind == "truth" else "double"
     code = f"const {kind} {statement.name} = {statement.expression};"
-    comment = f" /* {statement.comment} */" if statement.comment else ""
+    text = comment_text(statement.comment)
+    comment = f" /* {text} */" if text else ""
     if len(code) + len(comment) + 4 <= _WIDTH:
         return [f"    {code}{comment}"]
-    above = [f"    /* {statement.comment} */"] if statement.comment else []
+    above = [f"    /* {text} */"] if text else []
     return above + _wrap(code)
 
 
@@ -105,7 +105,7 @@ def _member_lines(structure: Structure) -> list[str]:
     lines = []
     for f in structure.fields:
         unit = f" [{f.unit}]" if f.unit else ""
-        lines.append(f"    {f.type} {f.name}; /* {f.description}{unit} */")
+        lines.append(f"    {f.type} {f.name}; /* {comment_text(f.description + unit)} */")
     return lines
 
 
@@ -114,10 +114,10 @@ def _set_contexts(emission: Emission, structure: Structure) -> list[dict[str, ob
     return [
         {
             "name": f"{emission.model.name}_params_{snake(s.name)}",
-            "title": s.title,
-            "source": textwrap.wrap(s.source, 90),
+            "title": comment_text(s.title),
+            "source": textwrap.wrap(comment_text(s.source), 90),
             "members": [
-                {"name": n, "literal": c_literal(s.as_dict()[n]), "unit": units[n]}
+                {"name": n, "literal": c_literal(s.as_dict()[n]), "unit": comment_text(units[n])}
                 for n in structure.names()
             ],
         }
@@ -133,8 +133,8 @@ def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
         p = declared[name]
         relation = ">" if p.lower_open else ">="
         rows.append(
-            f"(params->{name} {relation} {c_literal(p.lower)}) && "
-            f"(params->{name} <= {c_literal(p.upper)})"
+            f"(params->{name} {relation} {c_literal(finite_bound(p.lower))}) && "
+            f"(params->{name} <= {c_literal(finite_bound(p.upper))})"
         )
     return rows
 
@@ -144,7 +144,7 @@ def _domain(model: LoweredModel) -> list[str]:
     rows = []
     for c in model.coordinates:
         for name, bound in ((c.name, c.bound), (f"d{c.name}", c.rate_bound)):
-            limit = c_literal(bound)
+            limit = c_literal(finite_bound(bound))
             rows.append(f"(input->{name} >= -{limit}) && (input->{name} <= {limit})")
     return rows
 
@@ -162,7 +162,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "abi": ABI_VERSION,
         "model": model.name,
         "guard": model.name.upper(),
-        "title": model.title,
+        "title": comment_text(model.title),
         "structures": {
             role: {"name": s.name, "members": _member_lines(s), "names": s.names()}
             for role, s in structures.items()
@@ -185,7 +185,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
     texts = {"pf_elementary.h", "pf_elementary.c"}
-    elementary = {"header": header, **render_context()}
+    elementary = {"header": header, **model.elementary}
     files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in sorted(texts)}
     for template, path in (
         ("pf_scalar.h", "pf_scalar.h"),

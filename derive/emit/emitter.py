@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import keyword
+import math
+import re
+import sys
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -13,7 +18,26 @@ from typing import Protocol
 import jinja2
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.program import Op, Program
+from pfaffian.runtime.cache import cache_folder
+from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.manifest import ABI_VERSION
+
+#: Words of C99 and C++11 that no generated name may be, and names the templates use themselves.
+_C_WORDS = """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char class compl const
+    const_cast constexpr continue decltype default delete do double dynamic_cast else enum explicit
+    export extern false float for friend goto if inline int long mutable namespace new noexcept not
+    not_eq nullptr operator or or_eq private protected public register reinterpret_cast restrict
+    return short signed sizeof static static_assert static_cast struct switch template this
+    thread_local throw true try typedef typeid typename union unsigned using virtual void volatile
+    wchar_t while xor xor_eq
+"""
+_OWN_WORDS = """
+    advanced applied dataclass finite good input limited measured np output params prepared rate
+    state status valid zero
+"""
+_RESERVED = frozenset((*_C_WORDS.split(), *_OWN_WORDS.split(), *keyword.kwlist))
 
 
 @dataclass(frozen=True)
@@ -22,6 +46,13 @@ class Emission:
 
     model: LoweredModel
     sets: tuple[ParameterSet, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse names that no compiler would take, or that would hide one another."""
+        _check_name(self.model.name, self.model.name)
+        for program in self.model.programs:
+            _check_program(self.model.name, program)
+        _check_sets(self.sets)
 
     def parameters_sha256(self) -> str:
         """Return one digest of all parameter sets with their names."""
@@ -60,6 +91,18 @@ def package_version() -> str:
         return "0"
 
 
+def _bytecode_cache() -> jinja2.FileSystemBytecodeCache | None:
+    """Return a cache of compiled templates, checked against their text; None where it is off."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    try:
+        (folder / "templates").mkdir(parents=True, exist_ok=True)
+        return jinja2.FileSystemBytecodeCache(str(folder / "templates"))
+    except OSError:
+        return None
+
+
 def _environment() -> jinja2.Environment:
     def load(name: str) -> str:
         return files("pfaffian.templates").joinpath(name).read_text(encoding="utf-8")
@@ -71,6 +114,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        bytecode_cache=_bytecode_cache(),
     )
 
 
@@ -80,6 +124,58 @@ _ENVIRONMENT = _environment()
 def fill(template: str, context: Mapping[str, object]) -> str:
     """Fill `template` (path below `templates/`) with a complete set of keys."""
     return _ENVIRONMENT.get_template(template).render(**context)
+
+
+def _check_name(model: str, name: str) -> None:
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        what, remedy = "is no identifier in C", "use ASCII letters, digits and underscores"
+    elif name in _RESERVED or name.lower().startswith("pf_"):
+        what, remedy = "is a name the generated code needs itself", "rename it"
+    else:
+        return
+    raise InputError(f"model {model}: {name} {what}", remedy=remedy)
+
+
+def _check_program(model: str, program: Program) -> None:
+    inputs = [s.name for s in program.inputs]
+    for name in inputs:
+        _check_name(model, name)
+    named = {i.name for i in program.instructions if i.name and i.op is not Op.INPUT}
+    twice = [n for n, count in Counter(inputs).items() if count > 1 or n in named]
+    if twice:
+        raise InputError(
+            f"model {model}: {twice[0]} names two different values of {program.name}",
+            remedy="rename your coordinate, actuator or parameter",
+        )
+
+
+def _check_sets(sets: tuple[ParameterSet, ...]) -> None:
+    """Refuse sets whose constants would share a name, with each other or with something else."""
+    from pfaffian.derive.emit.structures import STATUS
+
+    taken = dict.fromkeys(STATUS, "a status") | {"T": "a type"}
+    for s in sets:
+        constant = snake(s.name).upper()
+        if constant in taken:
+            raise InputError(
+                f"parameter set {s.name}: its constant {constant} is the name of "
+                f"{taken[constant]} in the generated code",
+                remedy="rename the file of the set",
+            )
+        taken[constant] = f"parameter set {s.name}"
+
+
+def comment_text(text: str) -> str:
+    """Return `text` on one line, with nothing in it that ends a comment of C or a docstring."""
+    line = " ".join(text.split())
+    for harmful, harmless in (("*/", "* /"), ("/*", "/ *"), ("??", "? ?"), ('"""', "'''")):
+        line = line.replace(harmful, harmless)
+    return line.replace("\\", "/")
+
+
+def finite_bound(value: float) -> float:
+    """Return a bound as a literal can hold it: what is unbounded must still be finite."""
+    return math.copysign(sys.float_info.max, value) if math.isinf(value) else value
 
 
 def snake(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pfaffian.derive.emit.emitter import Emission, fill, snake
+from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.program import Op, Program
@@ -10,9 +10,9 @@ from pfaffian.derive.program import Op, Program
 DIALECT = Dialect(
     patterns={
         Op.ABS: "np.abs({0})",
-        Op.SIGN: "np.sign({0})",
-        Op.MIN: "np.minimum({0}, {1})",
-        Op.MAX: "np.maximum({0}, {1})",
+        Op.SIGN: "_sign({0})",
+        Op.MIN: "_min({0}, {1})",
+        Op.MAX: "_max({0}, {1})",
         Op.SQRT: "np.sqrt({0})",
         Op.SIN: "np.sin({0})",
         Op.COS: "np.cos({0})",
@@ -33,7 +33,7 @@ DIALECT = Dialect(
 
 
 def _line(statement: Statement) -> str:
-    comment = f"  # {statement.comment}" if statement.comment else ""
+    comment = f"  # {comment_text(statement.comment)}" if statement.comment else ""
     return f"{statement.name} = {statement.expression}{comment}"
 
 
@@ -57,13 +57,18 @@ def emit_python(emission: Emission) -> dict[str, str]:
     step = model.program("step")
     context: dict[str, object] = {
         "header": emission.banner(),
-        "title": model.title,
+        "title": comment_text(model.title),
         "model": model.name,
         "classes": [
             {
                 "name": _class_name(role),
                 "fields": [
-                    {"name": f.name, "unit": f.unit, "text": f.description} for f in s.fields
+                    {
+                        "name": f.name,
+                        "unit": comment_text(f.unit),
+                        "text": comment_text(f.description),
+                    }
+                    for f in s.fields
                 ],
             }
             for role, s in structures.items()
@@ -72,7 +77,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "sets": [
             {
                 "name": snake(s.name).upper(),
-                "title": s.title,
+                "title": comment_text(s.title),
                 "members": [
                     {"name": n, "value": repr(s.as_dict()[n])} for n in structures["params"].names()
                 ],
@@ -80,14 +85,18 @@ def emit_python(emission: Emission) -> dict[str, str]:
             for s in emission.sets
         ],
         "bounds": [
-            {"name": c.name, "bound": repr(c.bound), "rate_bound": repr(c.rate_bound)}
+            {
+                "name": c.name,
+                "bound": repr(finite_bound(c.bound)),
+                "rate_bound": repr(finite_bound(c.rate_bound)),
+            }
             for c in model.coordinates
         ],
         "parameter_bounds": [
             {
                 "name": p.name,
-                "lower": repr(p.lower),
-                "upper": repr(p.upper),
+                "lower": repr(finite_bound(p.lower)),
+                "upper": repr(finite_bound(p.upper)),
                 "relation": ">" if p.lower_open else ">=",
             }
             for p in model.parameters

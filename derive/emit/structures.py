@@ -39,12 +39,15 @@ def structures_of(model: LoweredModel) -> dict[str, Structure]:
         taken = {s.name: s for p in programs for s in _group(p, "parameter")}
         return _fields([taken[n] for n in declared if n in taken])
 
+    # What init prepares keeps the unit and the meaning that the preparing program gives it.
+    prepared = {s.name: s for s in prepare.outputs if s.group == "prepared"}
+    state = [prepared.get(s.name, s) for s in _group(step, "state", "prepared")]
     outputs = [s for s in step.outputs if s.group == "output"]
     motion = _fields(_group(acceleration, "input"))
     roles = {
         "params": parameters(step, prepare, continuous),
         "input": motion,
-        "state": _fields(_group(step, "state", "prepared")),
+        "state": _fields(state),
         "output": _fields(outputs),
         "continuous_state": _fields(_group(continuous, "state")),
         "continuous_output": _fields(list(continuous.outputs)),

@@ -27,6 +27,7 @@
   const traceSeconds = 1.2;
   const flightColours = 4;
   const arcPart = 0.3;
+  const labelHeight = 16;
   const duration = Math.max(...flights.map(lengthOf));
   const peak = Math.max(1e-9, ...flights.map(function (flight) {
     return flight.torque.reduce(function (most, value) { return Math.max(most, Math.abs(value)); }, 0);
@@ -89,6 +90,9 @@
     const width = stage.parentElement.clientWidth;
     const columns = Math.min(which.length, Math.max(2, Math.floor(width / 260)));
     const rows = Math.ceil(which.length / columns);
+    pen.font = labelFont();
+    const labels = which.map(function (index) { return wrapped(flights[index].label, width / columns - 24); });
+    const top = 28 + labelHeight * Math.max(...labels.map(function (lines) { return lines.length; }));
     const height = Math.round(Math.min(440, Math.max(270, 0.9 * width / columns)));
     const ratio = window.devicePixelRatio || 1;
     stage.width = Math.round(width * ratio);
@@ -96,7 +100,7 @@
     stage.style.height = height * rows + "px";
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     which.forEach(function (index, place) {
-      const panel = { width: width / columns, height: height };
+      const panel = { width: width / columns, height: height, top: top, label: labels[place] };
       pen.save();
       pen.translate((place % columns) * panel.width, Math.floor(place / columns) * height);
       pen.beginPath();
@@ -114,8 +118,8 @@
     const angles = anglesAt(flight, time);
     const torque = sample(flight.torque, flight.frame, time);
     const small = panel.width < 240;
-    const top = small ? 54 : 44;
-    const bottom = 44;
+    const top = panel.top;
+    const bottom = small ? 58 : 44;
     const scale = Math.min((panel.width - 24) / (2 * extent.side),
       (panel.height - top - bottom) / (extent.high - extent.low));
     const spare = panel.height - top - bottom - scale * (extent.high - extent.low);
@@ -208,30 +212,28 @@
     pen.globalAlpha = 1;
   }
 
+  function labelFont() { return "600 13px " + colour("sans"); }
+
   function drawWords(flight, angles, torque, panel, name, small) {
-    pen.textBaseline = "alphabetic";
     pen.textAlign = "left";
     pen.fillStyle = colour(name);
-    pen.font = "600 13px " + colour("sans");
-    wrapped(flight.label, panel.width - 24, small ? 2 : 1).forEach(function (words, row) {
-      pen.fillText(words, 12, 22 + 16 * row);
-    });
+    pen.font = labelFont();
+    panel.label.forEach(function (words, row) { pen.fillText(words, 12, 22 + labelHeight * row); });
     pen.fillStyle = colour("ink");
     pen.font = "13px " + colour("sans");
     const signed = function (value) { return (value < 0 ? "−" : "") + Math.abs(value).toFixed(2); };
-    const state = "τ " + signed(torque) + " " + flight.unit;
-    pen.fillText(state, 12, panel.height - 12);
-    pen.textAlign = "right";
-    pen.fillText(small ? time.toFixed(1) + " s" : flight.names.map(function (symbol, k) {
-      return symbol + " " + signed(angles[k]);
-    }).join("   ") + " rad", panel.width - 12, panel.height - 12);
+    const joints = flight.names.map(function (symbol, k) { return symbol + " " + signed(angles[k]); });
+    pen.fillText("τ " + signed(torque) + " " + flight.unit, 12, panel.height - (small ? 30 : 12));
+    pen.textAlign = small ? "left" : "right";
+    pen.fillText(joints.join("  ") + " rad", small ? 12 : panel.width - 12, panel.height - 12);
   }
 
-  function wrapped(text, width, rows) {
+  // `text` in lines of at most `width`, in the current font.
+  function wrapped(text, width) {
     const lines = [""];
     text.split(" ").forEach(function (word) {
       const longer = (lines[lines.length - 1] + " " + word).trim();
-      if (pen.measureText(longer).width <= width || lines.length === rows) {
+      if (pen.measureText(longer).width <= width) {
         lines[lines.length - 1] = longer;
       } else {
         lines.push(word);
