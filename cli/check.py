@@ -20,16 +20,17 @@ def verify_generated(
 ) -> None:
     """Verify a model's generated code and print what was found."""
     document = verification(reference, samples, target_samples, generated)
-    if as_json:
-        output.emit_json(document)
-    else:
+    if not as_json:
         print_verification(document)
     if not document["passed"]:
-        raise CheckError(
+        raise output.FailedCheck(
+            document,
             f"{reference}: worst scaled error {document['worst_scaled_ulp']:.3g} ulp, "
             f"{document['target_mismatches']} samples with other bits on the target",
             remedy="see where in the table; the generated code is not fit for use",
         )
+    if as_json:
+        output.emit_json(document)
 
 
 def verification(
@@ -69,13 +70,22 @@ def print_verification(document: Mapping[str, Any]) -> None:
             f["samples"],
             output.figure(f["worst_scaled_ulp"]),
             f["output"],
+            output.figure(f["worst_input_scaled_ulp_near_sets"]),
             output.figure(f["worst_input_scaled_ulp"]),
         )
         for f in document["functions"]
     ]
     output.table(
         "worst error against the symbolic source at 60 digits",
-        ("function", "language", "samples", "scaled ulp", "at output", "by inputs alone"),
+        (
+            "function",
+            "language",
+            "samples",
+            "scaled ulp",
+            "at output",
+            "by inputs alone, near the sets",
+            "everywhere",
+        ),
         rows,
     )
     output.out.print(

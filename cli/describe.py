@@ -6,7 +6,7 @@ import json as json_module
 from dataclasses import asdict
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.errors import InputError
 
 
 def list_models(as_json: bool) -> None:
@@ -52,17 +52,20 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
         design = assess(model, parameter_set(model, folder, folder.set_path(set_name)))
     documents = dict(model.documents)
     derivation = json_module.loads(documents["derivation.json"])
-    if as_json:
-        output.emit_json({**derivation, "design": asdict(design) if design else None})
+    document = {**derivation, "design": asdict(design) if design else None}
+    unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
+    if as_json and not unproved:
+        output.emit_json(document)
+    elif as_json:
+        pass
     elif form == "text":
         print(derivation_text(derivation_of(folder)), end="")
         if design:
             _print_design(set_name or "", design)
     else:
         print(documents["derivation.md" if form == "markdown" else "derivation.tex"], end="")
-    unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
     if unproved:
-        raise CheckError(f"not proved: {', '.join(unproved)}")
+        raise output.FailedCheck(document, f"not proved: {', '.join(unproved)}")
 
 
 def _print_design(set_name: str, design: object) -> None:

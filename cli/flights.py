@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.runtime.flight import Trajectory
@@ -26,14 +26,15 @@ def fly_scenario(reference: str, mode: str, generated: Path | None, as_json: boo
         _, document = fly_host(scenario)
     else:
         _, document = fly_both(scenario)
-    if as_json:
-        output.emit_json(document)
-    else:
+    if not as_json:
         _print_flight(document)
     if document.get("differing_bits", 0):
-        raise CheckError(
-            f"{scenario.name}: {document['differing_bits']} bits differ between host and target"
+        raise output.FailedCheck(
+            document,
+            f"{scenario.name}: {document['differing_bits']} bits differ between host and target",
         )
+    if as_json:
+        output.emit_json(document)
 
 
 def fly_host(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from pfaffian.cli import output
-from pfaffian.runtime.errors import PfaffianError
+from pfaffian.runtime.errors import InputError, PfaffianError
 
 app = typer.Typer(
     name="pfaffian",
@@ -154,23 +154,33 @@ def bench_regenerate(
 
 def main() -> None:
     """Run the command line; errors of ours become a message and their exit code."""
+    as_json = "--json" in sys.argv
     try:
-        app()
+        code = app(standalone_mode=not as_json)
     except PfaffianError as error:
-        if "--json" in sys.argv:
-            output.emit_json(
-                {
-                    "error": {
-                        "message": error.message,
-                        "remedy": error.remedy,
-                        "exit_code": error.exit_code,
-                    }
-                }
-            )
-        output.err.print(f"[bold red]error:[/] {_escaped(error.message)}", soft_wrap=True)
-        if error.remedy:
-            output.err.print(f"  {_escaped(error.remedy)}", soft_wrap=True)
-        sys.exit(error.exit_code)
+        _leave(error, as_json)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        what = InputError(f"{error.filename}: {error.strerror}", remedy="check the path")
+        _leave(what, as_json)
+    except Exception as error:
+        usage = getattr(error, "format_message", None)  # of the parser's own errors
+        if usage is None:
+            raise
+        _leave(InputError(usage(), remedy="see pfaffian COMMAND --help"), as_json)
+    else:
+        sys.exit(code or 0)
+
+
+def _leave(error: PfaffianError, as_json: bool) -> NoReturn:
+    """Say what was wrong and end the process with its exit code."""
+    if as_json:
+        output.emit_error(error)
+    output.err.print(f"[bold red]error:[/] {_escaped(error.message)}", soft_wrap=True)
+    if error.remedy:
+        output.err.print(f"  {_escaped(error.remedy)}", soft_wrap=True)
+    sys.exit(error.exit_code)
 
 
 def _escaped(text: str) -> str:

@@ -15,7 +15,7 @@ def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> N
     from pfaffian.cli.check import verification
     from pfaffian.cli.flights import fly_both
     from pfaffian.derive.library import find_model
-    from pfaffian.runtime.cache import write_whole
+    from pfaffian.runtime.files import write_whole
     from pfaffian.runtime.firmware import build_controller
     from pfaffian.runtime.generated_model import open_generated
     from pfaffian.runtime.report import ReportData, render_report

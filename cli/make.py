@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.derive.parameter_set import ParameterSet
@@ -46,6 +46,11 @@ def generate_files(
         sets = (parameter_set(model, source, source.set_path(set_name)),)
     else:
         sets = library_sets(model, source)
+    if not sets:
+        raise InputError(
+            f"model {source.name} has no parameter set",
+            remedy=f"write one beside {source.spec_file}, or name a file with --params",
+        )
     clock.record("parameters", since)
     since = time.perf_counter()
     generation = generate(Emission(model, sets))
@@ -79,17 +84,19 @@ def generate_files(
 
 
 def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:
-    if as_json:
-        output.emit_json({"drift": bool(difference), "diff": difference})
-    elif difference:
+    document = {"drift": bool(difference), "diff": difference}
+    if difference and not as_json:
         print(difference, end="")
     if difference:
-        raise CheckError(
+        raise output.FailedCheck(
+            document,
             f"{target} has drifted from what pfaffian {name} generates now",
             remedy=f"look at the difference, then: pfaffian generate {name} -o {target}",
         )
-    if not as_json:
-        output.out.print(f"{target} is what pfaffian generates now")
+    if as_json:
+        output.emit_json(document)
+    else:
+        output.out.print(f"{target} is what pfaffian generates now", soft_wrap=True)
 
 
 def build_image(

@@ -4,16 +4,37 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from pfaffian.runtime.errors import CheckError, PfaffianError
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-out = Console(highlight=False)
+#: A pipe has no width of its own; 80 columns would fold the tables.
+_PIPE_WIDTH = None if sys.stdout.isatty() else 110
+
+out = Console(highlight=False, width=_PIPE_WIDTH)
 err = Console(stderr=True, highlight=False)
+
+
+class FailedCheck(CheckError):
+    """A check that did not hold, with the document that shows it: JSON carries both in one."""
+
+    def __init__(self, document: Mapping[str, Any], message: str, *, remedy: str = "") -> None:
+        """Keep the document for `emit_error`."""
+        super().__init__(message, remedy=remedy)
+        self.document = document
+
+
+def emit_error(error: PfaffianError) -> None:
+    """Print `error` as the one JSON document on standard output."""
+    about = {"message": error.message, "remedy": error.remedy, "exit_code": error.exit_code}
+    found = error.document if isinstance(error, FailedCheck) else {}
+    emit_json({**found, "error": about})
 
 
 def emit_json(document: Mapping[str, Any]) -> None:

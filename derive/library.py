@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from pfaffian.runtime.documents import suggestion
+from pfaffian.runtime.documents import shown, suggestion
 from pfaffian.runtime.errors import InputError, PfaffianError
 
 if TYPE_CHECKING:
@@ -39,38 +39,46 @@ class ModelFolder:
         if name not in sets:
             raise InputError(
                 f"model {self.name} has no parameter set {name}",
-                remedy=suggestion(name, sorted(sets)),
+                remedy=suggestion(name, sorted(sets))
+                if sets
+                else f"write one: {self.path / name}.toml, or name a file with --params",
             )
         return sets[name]
 
     def load(self) -> ModelSpec:
-        """Import `spec.py` and return its specification.
+        """Run `spec.py` and return its specification.
 
-        Raises `InputError` naming the line of the user's file that raised.
+        It is compiled from its text each time: bytecode left beside it would write into the
+        user's folder, and could be older than the text. Raises `InputError` naming the line of
+        the user's file that raised.
         """
-        found = importlib.util.spec_from_file_location(
-            f"_pfaffian_model_{self.name.replace('-', '_')}", self.spec_file
-        )
-        if found is None or found.loader is None:
-            raise InputError(f"{self.spec_file}: cannot be imported", remedy="check the path")
-        module = importlib.util.module_from_spec(found)
+        from pfaffian.derive.spec import ModelSpec
+
+        module = ModuleType(f"_pfaffian_model_{self.name.replace('-', '_')}")
+        module.__file__ = str(self.spec_file)
+        remedy = "mend the specification; it must define model() -> ModelSpec"
         try:
-            found.loader.exec_module(module)
-            spec: ModelSpec = module.model()
+            text = self.spec_file.read_bytes()
+            exec(compile(text, module.__file__, "exec", dont_inherit=True), vars(module))
+            spec: Any = module.model()
         except PfaffianError:
             raise
-        except Exception as error:
-            lines = [
-                f.lineno
-                for f in traceback.extract_tb(error.__traceback__)
-                if f.filename == str(self.spec_file)
-            ]
-            line = f":{lines[-1]}" if lines else ""
+        except (Exception, SystemExit) as error:
             raise InputError(
-                f"{self.spec_file}{line}: {type(error).__name__}: {error}",
-                remedy="mend the specification; it must define model() -> ModelSpec",
+                f"{self.spec_file}{self._line_of(error)}: {type(error).__name__}: {error}",
+                remedy=remedy,
             ) from error
+        if not isinstance(spec, ModelSpec):
+            raise InputError(f"{self.spec_file}: model() returned {shown(spec)}", remedy=remedy)
         return spec
+
+    def _line_of(self, error: BaseException) -> str:
+        """Return `:LINE` of the user's file where `error` came from, or nothing."""
+        if isinstance(error, SyntaxError) and error.filename == str(self.spec_file):
+            return f":{error.lineno}"
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [f.lineno for f in frames if f.filename == str(self.spec_file)]
+        return f":{lines[-1]}" if lines else ""
 
 
 def library_models() -> dict[str, ModelFolder]:

@@ -135,7 +135,11 @@ def _complete_plant(model: LoweredModel, raw: RawSet, values: dict[str, float]) 
         _require(model, raw, values, ("lumped",))
         return
     _require(model, raw, values, ("physical",))
-    values |= evaluate(model.program("lumping"), values)
+    lumped = evaluate(model.program("lumping"), values)
+    for parameter in model.parameters:
+        if parameter.name in lumped:
+            parameter.check(lumped[parameter.name], f"{raw.path}: parameters (lumped)")
+    values |= lumped
 
 
 def _require(

@@ -7,11 +7,12 @@ value out of bounds are each refused with the file and the key.
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfaffian.runtime.documents import read_toml, suggestion
+from pfaffian.runtime.documents import read_toml, shown, suggestion
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import parse_quantity
 
@@ -77,12 +78,21 @@ def _parse_poles(raw: object, where: str) -> tuple[complex, ...]:
     remedy = 'give numbers or strings such as [-6, "-4+2j", "-4-2j"], complex ones in pairs'
     if not isinstance(raw, list) or not raw:
         raise InputError(f"{where}: must be a list of poles in 1/s", remedy=remedy)
-    try:
-        poles = tuple(complex(str(p).replace(" ", "").replace("i", "j")) for p in raw)
-    except ValueError as error:
-        raise InputError(f"{where}: {error}", remedy=remedy) from error
+    poles = tuple(_parse_pole(p, where, remedy) for p in raw)
     check_poles(poles, where)
     return poles
+
+
+def _parse_pole(raw: object, where: str, remedy: str) -> complex:
+    if isinstance(raw, int | float | str) and not isinstance(raw, bool):
+        text = raw.replace(" ", "").replace("i", "j") if isinstance(raw, str) else raw
+        try:
+            pole = complex(text)
+        except (ValueError, OverflowError):
+            pole = complex("nan")
+        if cmath.isfinite(pole):
+            return pole
+    raise InputError(f"{where}: {shown(raw)} is not a finite pole", remedy=remedy)
 
 
 def check_poles(poles: tuple[complex, ...], where: str) -> None:
@@ -114,6 +124,8 @@ def _check_keys(document: Mapping[str, object], known: Mapping[str, list[str]], 
     for key in document:
         if key not in tops:
             raise InputError(f"{path}: unknown key {key}", remedy=suggestion(key, tops))
+        if key not in known and not isinstance(document[key], str):
+            raise InputError(f"{path}: {key} must be a string", remedy=f'write {key} = "..."')
     for table, names in known.items():
         for key in _table(document, table, path):
             if key not in names:

@@ -72,8 +72,16 @@ def drift(generation: Generation, folder: Path) -> str:
 
 
 def _check_target(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, not a folder", remedy="name another folder with -o")
+    try:
+        _check_place(folder)
+    except OSError as error:  # a folder above may not even be looked into
+        raise _unwritable(folder, error) from error
+
+
+def _check_place(folder: Path) -> None:
+    place = folder if folder.exists() else _nearest(folder)
+    if not place.is_dir():
+        raise InputError(f"{place}: is a file, not a folder", remedy="name another folder with -o")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / MANIFEST_NAME).is_file():
         raise InputError(
             f"{folder}: is not empty and holds no generated model",
@@ -101,14 +109,19 @@ def _unwritable(folder: Path, error: OSError) -> InputError:
 
 
 def _generated_files(folder: Path) -> set[str]:
-    """Return the paths that the manifest in `folder` lists, itself included."""
+    """Return the paths that the manifest in `folder` lists, itself included.
+
+    A path that leads out of the folder is none of ours, whatever an edited manifest says.
+    """
     import json
 
     try:
         document = json.loads((folder / MANIFEST_NAME).read_text(encoding="utf-8"))
-        return {str(p) for p in document["files"]} | {MANIFEST_NAME}
-    except (OSError, ValueError, KeyError, TypeError):
+        listed = {Path(str(p)) for p in document["files"]}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
+    ours = {p.as_posix() for p in listed if p.name and not p.is_absolute() and ".." not in p.parts}
+    return ours | {MANIFEST_NAME}
 
 
 def _bytes_of(path: Path) -> bytes | None:
@@ -139,7 +152,10 @@ def _fill(staging: Path, generation: Generation, folder: Path, removed: tuple[st
 
 
 def _link(source: str, target: str) -> str:
-    os.link(source, target, follow_symlinks=False)
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except OSError:  # a file system without hard links
+        shutil.copy2(source, target, follow_symlinks=False)
     return target
 
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
+from pfaffian.runtime.files import write_whole
 
 
 def cache_folder() -> Path | None:
@@ -60,16 +60,3 @@ def _store(entry: Path, content: bytes) -> None:
         write_whole(entry, content)
     except OSError:
         return
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` beside `path` and move it there, so that nobody sees half a file."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except OSError:
-        Path(name).unlink(missing_ok=True)
-        raise

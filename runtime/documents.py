@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 import tomllib
 from pathlib import Path
 
@@ -26,6 +27,16 @@ def read_toml(path: Path) -> dict[str, object]:
         raise InputError(
             f"{path}: is nested too deeply", remedy="write tables and values one level deep"
         ) from error
+
+
+def shown(value: object) -> str:
+    """Return `value` as a message shows it: short, however long or deeply nested it is."""
+    brief = reprlib.Repr()
+    brief.maxstring = brief.maxother = 100
+    try:
+        return brief.repr(value)
+    except ValueError:  # Python refuses to print integers of thousands of digits
+        return "a number of thousands of digits"
 
 
 def suggestion(word: str, known: list[str]) -> str:

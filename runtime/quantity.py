@@ -7,6 +7,7 @@ import math
 import re
 from typing import Any
 
+from pfaffian.runtime.documents import shown
 from pfaffian.runtime.errors import InputError
 
 _PLAIN = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
@@ -32,14 +33,16 @@ def parse_quantity(raw: object, unit: str, where: str) -> float:
     Raises `InputError` naming `where` for a bare number, an unknown unit or a wrong dimension.
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
-        raise InputError(f"{where}: {raw!r} is not a quantity", remedy=_example(unit))
+        raise InputError(f"{where}: {shown(raw)} is not a quantity", remedy=_example(unit))
     if not isinstance(raw, str):
         if unit:
-            raise InputError(f"{where}: {raw!r} has no unit", remedy=_example(unit))
+            raise InputError(f"{where}: {shown(raw)} has no unit", remedy=_example(unit))
         return _finite(_float(raw), where)
     match = _PLAIN.fullmatch(raw)
     if match is None:
-        raise InputError(f"{where}: {raw!r} is not a number with a unit", remedy=_example(unit))
+        raise InputError(
+            f"{where}: {shown(raw)} is not a number with a unit", remedy=_example(unit)
+        )
     number, given = float(match[1]), match[2]
     if given == unit:
         return _finite(number, where)
@@ -70,8 +73,7 @@ def _convert(number: float, given: str, unit: str, where: str) -> float:
         wanted = registry.parse_units(unit)
         have = registry.parse_units(given)
     except Exception as error:  # pint raises its own, tokenizer and attribute errors here
-        shown = given if len(given) <= _LONGEST_UNIT else f"{given[:_LONGEST_UNIT]}..."
-        raise InputError(f"{where}: unknown unit {shown!r}", remedy=_example(unit)) from error
+        raise InputError(f"{where}: unknown unit {shown(given)}", remedy=_example(unit)) from error
     try:
         return float(registry.Quantity(number, have).m_as(wanted))
     except pint.DimensionalityError as error:

@@ -266,7 +266,7 @@ def verification_figure(rows: Sequence[Mapping[str, Any]], limit: float) -> Figu
     functions = list(dict.fromkeys(str(r["function"]) for r in rows))
     languages = list(dict.fromkeys(str(r["language"]) for r in rows))
     with rc_context(_STYLE):
-        canvas = Canvas(figsize=(_WIDTH * 1.4, 0.9 + 0.24 * len(functions)), layout="constrained")
+        canvas = Canvas(figsize=(_WIDTH, 0.9 + 0.24 * len(functions)), layout="constrained")
         axes = canvas.add_subplot()
         for k, language in enumerate(languages):
             own = [r for r in rows if str(r["language"]) == language]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pfaffian.runtime.documents import read_toml, suggestion
@@ -87,6 +88,7 @@ def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
     structures = folder.manifest.structures
     controller = parameters | _quantities(document, "controller", structures["params"], path)
     plant = parameters | _quantities(document, "plant", structures["plant_params"], path)
+    _check_parameters(folder, parameters, document, path)
     initial = dict.fromkeys(structures["plant_state"].names(), 0.0)
     initial |= _quantities(document, "initial", structures["plant_state"], path)
     scenario = Scenario(
@@ -104,6 +106,7 @@ def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
         in_report=document.get("in_report", False) is True,
     )
     _check_domain(scenario, path)
+    _check_plant(scenario, path)
     _check_start(scenario, path)
     return scenario
 
@@ -145,10 +148,11 @@ def _quantities(
 def _steps(document: Mapping[str, object], sample_time: float, path: Path) -> int:
     where = f"{path}: duration"
     duration = parse_quantity(document["duration"], "s", where)
-    steps = round(duration / sample_time) if sample_time > 0.0 else 0
+    periods = duration / sample_time
+    steps = round(min(periods, 2.0 * _MAX_STEPS))
     if not 1 <= steps <= _MAX_STEPS:
         raise InputError(
-            f"{where}: {duration:g} s are {steps} periods of {sample_time:g} s",
+            f"{where}: {duration:g} s are {periods:.3g} periods of {sample_time:g} s",
             remedy=f"choose 1 to {_MAX_STEPS} periods",
         )
     return steps
@@ -161,6 +165,27 @@ def _substeps(document: Mapping[str, object], path: Path) -> int:
             f"{path}: plant_substeps = {value!r} is no count", remedy="give 1 to 10000"
         )
     return value
+
+
+def _check_parameters(
+    folder: GeneratedFolder,
+    parameters: Mapping[str, float],
+    document: Mapping[str, object],
+    path: Path,
+) -> None:
+    """Ask the generated code whether each value given here is within its declared bounds."""
+    module, structures = folder.python_module(), folder.manifest.structures
+    names = structures["params"].names()
+    for table, role in (("controller", "params"), ("plant", "plant_params")):
+        for key, value in _quantities(document, table, structures[role], path).items():
+            if key not in names:
+                continue  # a disturbance, which the controller does not know
+            params = {n: parameters[n] for n in names} | {key: value}
+            if int(module.init(module.Params(**params))[1]) != module.OK:
+                raise InputError(
+                    f"{path}: {table}.{key} = {value:g} is out of its bounds",
+                    remedy=f"give a value that `pfaffian generate {folder.manifest.model}` takes",
+                )
 
 
 def _setpoint(folder: GeneratedFolder, controller: Mapping[str, float]) -> dict[str, float]:
@@ -178,6 +203,30 @@ def _check_domain(scenario: Scenario, path: Path) -> None:
                 f"domain of {bound:g}",
                 remedy="start within the domain",
             )
+
+
+def _check_plant(scenario: Scenario, path: Path) -> None:
+    """Read the plant's mass matrix out of its kinetic energy: it must be positive definite."""
+    module, names = scenario.folder.python_module(), scenario.folder.manifest.coordinates
+    plant = module.PlantParams(**scenario.plant)
+    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    grid = dict(zip(names, np.meshgrid(*[turn] * len(names)), strict=True))
+    fast = 2.0**20  # so that T is not lost beside V
+
+    def kinetic(*moving: str) -> np.ndarray[Any, Any]:
+        rates = {f"d{n}": fast * moving.count(n) for n in names}
+        still = dict.fromkeys(rates, 0.0)
+        energy = [module.energy(plant, module.PlantState(**grid, **r)) for r in (rates, still)]
+        return np.asarray(energy[0] - energy[1]) / fast**2
+
+    mass = np.array([[kinetic(a, b) - kinetic(a) - kinetic(b) for a in names] for b in names])
+    least = float(np.linalg.eigvalsh(np.moveaxis(mass, (0, 1), (-2, -1))).min())
+    if not least > 0.0:
+        raise InputError(
+            f"{path}: plant: the mass matrix is not positive definite (least eigenvalue "
+            f"{least:.3g} kg m^2)",
+            remedy="check the inertias: no rigid mechanism has this mass matrix",
+        )
 
 
 def _check_start(scenario: Scenario, path: Path) -> None:

@@ -89,7 +89,7 @@ def test_the_oracle_agrees_with_mpmath_at_fifty_digits(source):
     """The MPFR oracle against mpmath on SymPy's fully expanded expression: other arithmetic."""
     derivation, model, sets = source
     block = derivation.block("continuous")
-    values = draw(model, block.inputs, sets, 5, np.random.default_rng(4))
+    values = draw(model, block.inputs, sets, 5, np.random.default_rng(4)).values
     oracle = Oracle(block)
     for k in range(5):
         point = {n: float(v[k]) for n, v in values.items()}
@@ -108,7 +108,7 @@ def test_the_condition_scale_is_the_effect_of_rounding_the_inputs(source):
     block = derivation.block("continuous")
     program = model.program("continuous")
     rng = np.random.default_rng(5)
-    values = draw(model, block.inputs, sets, 200, rng)
+    values = draw(model, block.inputs, sets, 200, rng).values
     near = np.flatnonzero((np.abs(values["q1"]) < 20.0) & (np.abs(values["q2"]) < 20.0))[:40]
     assert len(near) == 40  # far angles: a relative step turns the links too far to be linear
     values = {n: v[near] for n, v in values.items()}
@@ -130,7 +130,7 @@ def test_the_condition_scale_is_the_effect_of_rounding_the_inputs(source):
 def test_every_sample_has_a_positive_definite_mass_matrix(source):
     _, model, sets = source
     inputs = model.program("step").inputs
-    values = draw(model, inputs, sets, 2000, np.random.default_rng(6))
+    values = draw(model, inputs, sets, 2000, np.random.default_rng(6)).values
     t1, t2, t3 = (values[f"theta{k}"] for k in (1, 2, 3))
     assert (t1 * t2 - (t3 * np.cos(values["q2"])) ** 2 > 0.0).all()
     for c in model.coordinates:

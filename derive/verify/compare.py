@@ -12,7 +12,7 @@ from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle, absolute_error
-from pfaffian.derive.verify.sampling import draw
+from pfaffian.derive.verify.sampling import Samples, draw
 
 Array = np.ndarray[Any, Any]
 #: Functions of the generated code, by the block each was lowered from.
@@ -43,6 +43,7 @@ class FunctionResult:
     output: str
     at: Mapping[str, float]
     worst_input_scaled_ulp: float
+    worst_input_scaled_ulp_near_sets: float
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class _Tally:
     output: str = ""
     at: Mapping[str, float] | None = None
     worst_by_input: float = 0.0
+    worst_by_input_near: float = 0.0
 
 
 def verify(
@@ -102,10 +104,11 @@ def verify(
         rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
-            values = draw(model, block.inputs, sets, count, rng)
+            drawn = draw(model, block.inputs, sets, count, rng)
+            values = drawn.values
             for_target = max(0, min(count, target_samples - start)) if target else 0
             computed = _computed(function, values, subjects, target, for_target)
-            undecided += judge.update(values, computed, tallies)
+            undecided += judge.update(drawn, computed, tallies)
             if target and for_target:
                 mismatches += _mismatches(computed, _host(subjects).name, target.name, for_target)
                 compared += for_target if function == "step" else 0
@@ -122,6 +125,7 @@ def verify(
             t.output,
             t.at or {},
             t.worst_by_input,
+            t.worst_by_input_near,
         )
         for f in FUNCTIONS
         for s in everyone
@@ -176,11 +180,12 @@ class _Judge:
 
     def update(
         self,
-        values: Mapping[str, Array],
+        samples: Samples,
         computed: Mapping[str, Mapping[str, Array]],
         tallies: dict[tuple[str, str], _Tally],
     ) -> int:
         """Compare one chunk; return how many samples sat on a branch boundary and were left out."""
+        values = samples.values
         names = list(values)
         rows = zip(*(values[n].tolist() for n in names), strict=True)
         answers = [self.oracle(dict(zip(names, row, strict=True))) for row in rows]
@@ -198,9 +203,11 @@ class _Judge:
                 errors = np.where(clear[:size], absolute_error(column, exact[:size]), 0.0)
                 with np.errstate(over="ignore"):
                     scaled = errors / units[:size]
-                    strict = float((errors / strict_units[:size]).max())
+                    strict = errors / strict_units[:size]
                 tally = tallies.setdefault((self.block.name, language), _Tally())
-                tally.worst_by_input = max(tally.worst_by_input, strict)
+                tally.worst_by_input = max(tally.worst_by_input, float(strict.max()))
+                near = float(np.max(strict, where=samples.near[:size], initial=0.0))
+                tally.worst_by_input_near = max(tally.worst_by_input_near, near)
                 worst = int(np.argmax(scaled))
                 if scaled[worst] > tally.worst:
                     tally.worst, tally.output = float(scaled[worst]), signal.name

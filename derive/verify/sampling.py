@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,29 +16,47 @@ Array = np.ndarray[Any, Any]
 _SMALL, _LARGE = 1e-6, 1e4
 
 
+@dataclass(frozen=True)
+class Samples:
+    """Inputs by name, float64 of shape (N,); `near` (N,) marks those around a parameter set."""
+
+    values: dict[str, Array]
+    near: Array
+
+
 def draw(
     model: LoweredModel,
     inputs: Sequence[Signal],
     sets: Sequence[Mapping[str, float]],
     count: int,
     rng: np.random.Generator,
-) -> dict[str, Array]:
-    """Return `count` samples of each input by name, float64 of shape (count,).
+) -> Samples:
+    """Return `count` samples of each input.
 
-    Parameters are redrawn until the mass matrix is positive definite at the sampled configuration.
+    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there.
     """
-    wide = _wide(model, inputs, count, rng)
-    near = _near(inputs, wide, sets, count, rng)
-    local = rng.random(count) < 0.5
-    values = {n: np.where(local, near[n], wide[n]) for n in wide}
+    near = rng.random(count) < 0.5
+    values = _mixed(model, inputs, sets, near, rng)
     for _ in range(200):
         bad = np.flatnonzero(~_is_physical(model, values))
         if not len(bad):
-            return values
-        again = _wide(model, inputs, len(bad), rng)
+            return Samples(values, near)
+        again = _mixed(model, inputs, sets, near[bad], rng)
         for name, column in values.items():
             column[bad] = again[name]
     raise RuntimeError("no physical parameters found in 200 draws")
+
+
+def _mixed(
+    model: LoweredModel,
+    inputs: Sequence[Signal],
+    sets: Sequence[Mapping[str, float]],
+    near: Array,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    wide = _wide(model, inputs, len(near), rng)
+    local = _near(inputs, wide, sets, len(near), rng)
+    return {n: np.where(near, local[n], wide[n]) for n in wide}
 
 
 def _wide(

@@ -2,15 +2,22 @@
 (function () {
   "use strict";
 
+  // Paper is light and cannot be unfolded.
+  const root = document.documentElement;
   const unfolded = [];
+  let redraw = function () {};
   window.addEventListener("beforeprint", function () {
-    document.querySelectorAll("details:not([open])").forEach(function (details) {
+    document.querySelectorAll("details.long:not([open])").forEach(function (details) {
       details.open = true;
       unfolded.push(details);
     });
+    root.classList.add("paper");
+    redraw();
   });
   window.addEventListener("afterprint", function () {
     unfolded.splice(0).forEach(function (details) { details.open = false; });
+    root.classList.remove("paper");
+    redraw();
   });
 
   const source = document.getElementById("flight-data");
@@ -77,7 +84,7 @@
   }
 
   function colour(name) {
-    return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+    return getComputedStyle(root).getPropertyValue("--" + name).trim();
   }
 
   function shown() {
@@ -310,6 +317,7 @@
     return box.bottom > 0 && box.top < window.innerHeight;
   }
 
+  redraw = draw;
   scrub.max = duration;
   play.addEventListener("click", toggle);
   scrub.addEventListener("input", function () { pause(); seek(Number(scrub.value)); });
