@@ -20,17 +20,17 @@ def verify_generated(
 ) -> None:
     """Verify a model's generated code and print what was found."""
     document = verification(reference, samples, target_samples, generated)
-    if not as_json:
-        print_verification(document)
-    if not document["passed"]:
-        raise output.FailedCheck(
-            document,
-            f"{reference}: worst scaled error {document['worst_scaled_ulp']:.3g} ulp, "
-            f"{document['target_mismatches']} samples with other bits on the target",
-            remedy="see where in the table; the generated code is not fit for use",
-        )
-    if as_json:
-        output.emit_json(document)
+    failure = (
+        f"{reference}: worst scaled error {document['worst_scaled_ulp']:.3g} ulp, "
+        f"{document['target_mismatches']} samples with other bits on the target"
+    )
+    output.deliver(
+        document,
+        as_json,
+        lambda: print_verification(document),
+        "" if document["passed"] else failure,
+        "see where in the table; the generated code is not fit for use",
+    )
 
 
 def verification(

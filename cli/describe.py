@@ -52,20 +52,22 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
         design = assess(model, parameter_set(model, folder, folder.set_path(set_name)))
     documents = dict(model.documents)
     derivation = json_module.loads(documents["derivation.json"])
-    document = {**derivation, "design": asdict(design) if design else None}
     unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
-    if as_json and not unproved:
-        output.emit_json(document)
-    elif as_json:
-        pass
-    elif form == "text":
-        print(derivation_text(derivation_of(folder)), end="")
-        if design:
-            _print_design(set_name or "", design)
-    else:
-        print(documents["derivation.md" if form == "markdown" else "derivation.tex"], end="")
-    if unproved:
-        raise output.FailedCheck(document, f"not proved: {', '.join(unproved)}")
+
+    def show() -> None:
+        if form == "text":
+            print(derivation_text(derivation_of(folder)), end="")
+            if design:
+                _print_design(set_name or "", design)
+        else:
+            print(documents["derivation.md" if form == "markdown" else "derivation.tex"], end="")
+
+    output.deliver(
+        {**derivation, "design": asdict(design) if design else None},
+        as_json,
+        show,
+        f"not proved: {', '.join(unproved)}" if unproved else "",
+    )
 
 
 def _print_design(set_name: str, design: object) -> None:

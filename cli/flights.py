@@ -26,15 +26,13 @@ def fly_scenario(reference: str, mode: str, generated: Path | None, as_json: boo
         _, document = fly_host(scenario)
     else:
         _, document = fly_both(scenario)
-    if not as_json:
-        _print_flight(document)
-    if document.get("differing_bits", 0):
-        raise output.FailedCheck(
-            document,
-            f"{scenario.name}: {document['differing_bits']} bits differ between host and target",
-        )
-    if as_json:
-        output.emit_json(document)
+    differing = document.get("differing_bits", 0)
+    output.deliver(
+        document,
+        as_json,
+        lambda: _print_flight(document),
+        f"{scenario.name}: {differing} bits differ between host and target" if differing else "",
+    )
 
 
 def fly_host(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.errors import InputError
 
 
 def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> None:
@@ -46,11 +46,7 @@ def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> N
         "flights": [d for _, d in flights],
         "report": str(page),
     }
-    if as_json:
-        output.emit_json(document)
-    else:
-        _print_summary(document)
-    _judge(document)
+    output.deliver(document, as_json, lambda: _print_summary(document), _failure(document))
 
 
 def _page_path(folder: Path, reference: str) -> Path:
@@ -116,7 +112,8 @@ def _print_summary(document: dict[str, Any]) -> None:
     output.table(f"{document['model']}: the main job", ("step", "result"), rows)
 
 
-def _judge(document: dict[str, Any]) -> None:
+def _failure(document: dict[str, Any]) -> str:
+    """Return what the main job found wrong, or nothing."""
     differing = sum(f["differing_bits"] for f in document["flights"])
-    if not document["verification"]["passed"] or differing:
-        raise CheckError("the main job found an error: see the table and the report")
+    good = document["verification"]["passed"] and not differing
+    return "" if good else "the main job found an error: see the table and the report"

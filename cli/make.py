@@ -84,19 +84,19 @@ def generate_files(
 
 
 def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:
-    document = {"drift": bool(difference), "diff": difference}
-    if difference and not as_json:
-        print(difference, end="")
-    if difference:
-        raise output.FailedCheck(
-            document,
-            f"{target} has drifted from what pfaffian {name} generates now",
-            remedy=f"look at the difference, then: pfaffian generate {name} -o {target}",
-        )
-    if as_json:
-        output.emit_json(document)
-    else:
-        output.out.print(f"{target} is what pfaffian generates now", soft_wrap=True)
+    def show() -> None:
+        if difference:
+            print(difference, end="")
+        else:
+            output.out.print(f"{target} is what pfaffian generates now", soft_wrap=True)
+
+    output.deliver(
+        {"drift": bool(difference), "diff": difference},
+        as_json,
+        show,
+        f"{target} has drifted from what pfaffian generates for {name} now" if difference else "",
+        f"look at the difference, then: pfaffian generate {name} -o {target}",
+    )
 
 
 def build_image(

@@ -21,7 +21,7 @@ out = Console(highlight=False, width=_PIPE_WIDTH)
 err = Console(stderr=True, highlight=False)
 
 
-class FailedCheck(CheckError):
+class FailedCheckError(CheckError):
     """A check that did not hold, with the document that shows it: JSON carries both in one."""
 
     def __init__(self, document: Mapping[str, Any], message: str, *, remedy: str = "") -> None:
@@ -30,10 +30,26 @@ class FailedCheck(CheckError):
         self.document = document
 
 
+def deliver(
+    document: Mapping[str, Any],
+    as_json: bool,
+    show: Callable[[], None],
+    failure: str = "",
+    remedy: str = "",
+) -> None:
+    """Print `document`, as JSON or through `show`; raise `FailedCheckError` for a `failure`."""
+    if not as_json:
+        show()
+    if failure:
+        raise FailedCheckError(document, failure, remedy=remedy)
+    if as_json:
+        emit_json(document)
+
+
 def emit_error(error: PfaffianError) -> None:
     """Print `error` as the one JSON document on standard output."""
     about = {"message": error.message, "remedy": error.remedy, "exit_code": error.exit_code}
-    found = error.document if isinstance(error, FailedCheck) else {}
+    found = error.document if isinstance(error, FailedCheckError) else {}
     emit_json({**found, "error": about})
 
 

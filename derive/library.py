@@ -70,6 +70,7 @@ class ModelFolder:
             ) from error
         if not isinstance(spec, ModelSpec):
             raise InputError(f"{self.spec_file}: model() returned {shown(spec)}", remedy=remedy)
+        _check_shapes(spec, self.spec_file)
         return spec
 
     def _line_of(self, error: BaseException) -> str:
@@ -79,6 +80,27 @@ class ModelFolder:
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f.lineno for f in frames if f.filename == str(self.spec_file)]
         return f":{lines[-1]}" if lines else ""
+
+
+def _check_shapes(spec: ModelSpec, path: Path) -> None:
+    """Raise `InputError` unless the shapes in `spec` fit its coordinates and actuators."""
+    n, m, constraint = len(spec.coordinates), len(spec.actuators), spec.constraint
+    wanted = {
+        "input_matrix": (spec.input_matrix, (n, m)),
+        "uncertain_force": (spec.uncertain_force, (n, 1)),
+        "constraint.residual": (constraint.residual, (m, 1)),
+        "constraint.drift": (constraint.drift, (m, 1)),
+        "constraint.residual_symbols": (constraint.residual_symbols, (m,)),
+        "constraint.setpoint": (constraint.setpoint, (n,)),
+    }
+    for name, (value, shape) in wanted.items():
+        have = (len(value),) if isinstance(value, tuple) else getattr(value, "shape", None)
+        if have != shape:
+            raise InputError(
+                f"{path}: {name} has shape {have}, but {shape} is needed for {n} coordinates and "
+                f"{m} actuators",
+                remedy="mend it; a constraint is needed for each actuator, so that ADB is square",
+            )
 
 
 def library_models() -> dict[str, ModelFolder]:

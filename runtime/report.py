@@ -36,6 +36,7 @@ SETTLED_PART = 0.1
 #: Sections with more equations than this are folded.
 _LONG_SECTION = 12
 _SAMPLED = "sampled: "
+_MODES = {"host": "controller on the host", "pil": "processor in the loop"}
 #: Pieces of the printer's LaTeX: kept as they are, a name of the generated code, or bare words.
 _WORDS = re.compile(
     r"\\mathrm\{(?P<name>[^}]*)\}"
@@ -43,10 +44,9 @@ _WORDS = re.compile(
     r"|(?P<word>[a-z]{2,}|[a-zA-Z](?=_\{\w+ )|(?=_\{[a-z]{2}))(?:_\{(?P<index>\w+(?: \w+)*)\})?"
 )
 _GREEK = frozenset(("alpha", "beta", "gamma", "delta", "kappa", "mu", "phi", "psi", "sigma", "tau"))
-_FUNCTIONS = {n: n for n in ("sin", "cos", "tan", "tanh", "exp", "max", "min")} | {
-    "atan": "arctan", "sign": "sgn"}
-_LETTERS = {"sigma": "ς", "eta": "η", "pi": "π", "Pi": "Π", "ahat": "â", "bhat": "b̂",
-            "beta": "β"}
+_FUNCTIONS = {n: n for n in ("sin", "cos", "tan", "tanh", "exp", "max", "min")}
+_FUNCTIONS |= {"atan": "arctan", "sign": "sgn"}
+_LETTERS = {"sigma": "ς", "eta": "η", "pi": "π", "Pi": "Π", "ahat": "â", "bhat": "b̂", "beta": "β"}
 _TALL = ("mfrac", "mtable", "msqrt")
 _SIGNS = {"plus": "+", "minus": "-"}
 _ACCENTS = {"^": "\u02c6", "~": "\u02dc", "\u02d9": "\u02d9", "\u2015": "_"}
@@ -81,9 +81,10 @@ def render_report(data: ReportData) -> str:
         "verdicts": _verdicts(data, derivation, limit),
         "limit": limit,
         "worst": max(rows, key=_error_of, default=None),
-        "functions": [_function_row(r) for r in rows],
-        "flights": [_flight(f, label, data.agreement)
-                    for f, label in zip(data.flights, labels, strict=True)],
+        "functions": rows,
+        "flights": [
+            _flight(f, label, data.agreement) for f, label in zip(data.flights, labels, strict=True)
+        ],
         "tracking_rows": _tracking_rows(data.flights),
         "sample_time": f"{1e3 * data.flights[0].scenario.sample_time:g} ms",
         "animation": None if animation is None else _embedded(animation),
@@ -120,9 +121,8 @@ def _environment() -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=True,
     )
-    environment.filters |= {
-        "number": number_text, "count": count_text, "unit": unit_text, "symbol": symbol_text,
-    }
+    environment.filters |= {"number": number_text, "count": count_text, "typeset": _typeset}
+    environment.filters |= {"unit": unit_text, "symbol": symbol_text}
     return environment
 
 
@@ -136,15 +136,6 @@ def _error_of(row: Mapping[str, Any]) -> float:
     return float(row["worst_scaled_ulp"])
 
 
-def _function_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    point = row.get("at") or {}
-    return {
-        "function": row["function"], "language": row["language"], "error": _error_of(row),
-        "output": row.get("output", ""), "samples": row.get("samples", ""),
-        "at": ", ".join(f"{name} = {value!r}" for name, value in point.items()),
-    }
-
-
 def _verdicts(
     data: ReportData, derivation: Mapping[str, Any], limit: float
 ) -> dict[str, dict[str, Any]]:
@@ -152,15 +143,18 @@ def _verdicts(
     identities = derivation["identities"]
     proved = sum(bool(i["proved"]) for i in identities)
     worst = float(data.verification["worst_scaled_ulp"])
-    compared = [data.agreement[f.scenario.name] for f in data.flights
-                if f.scenario.name in data.agreement]
+    compared = [
+        data.agreement[f.scenario.name] for f in data.flights if f.scenario.name in data.agreement
+    ]
     mismatches = int(data.verification["target_mismatches"])
     return {
         "derived": {"held": proved == len(identities), "proved": proved, "of": len(identities)},
         "verified": {"held": worst <= limit and mismatches == 0, "worst": worst},
         "identical": {
             "held": mismatches == 0 and len(compared) == len(data.flights) and not any(compared),
-            "bits": sum(compared), "mismatches": mismatches, "compared": len(compared),
+            "bits": sum(compared),
+            "mismatches": mismatches,
+            "compared": len(compared),
         },
         "tracking": {"held": all(_settled(f) for f in data.flights)},
     }
@@ -180,14 +174,22 @@ def _flight(flight: Trajectory, label: str, agreement: Mapping[str, int]) -> dic
     manifest, figures = scenario.folder.manifest, tracking_metrics(flight)
     fields = _fields(manifest)
     parameters = scenario.folder.parameters(scenario.set_name)
-    changed = {n: v for n, v in {**scenario.controller, **scenario.plant}.items()
-               if v != parameters.get(n)}
+    changed = {
+        n: v for n, v in {**scenario.controller, **scenario.plant}.items() if v != parameters.get(n)
+    }
     return {
-        "label": label, "scenario": scenario.name, "source": scenario.source, "mode": flight.mode,
-        "set": scenario.set_name, "steps": scenario.steps, "sha256": flight.sha256(),
-        "settled": _settled(flight), "status": status_counts(flight),
+        "label": label,
+        "scenario": scenario.name,
+        "source": scenario.source,
+        "mode": _MODES.get(flight.mode, flight.mode),
+        "set": scenario.set_name,
+        "steps": scenario.steps,
+        "sha256": flight.sha256(),
+        "settled": _settled(flight),
+        "status": status_counts(flight),
         "last": [(q, figures[f"mae2_{q}"], fields[q].unit) for q in manifest.coordinates],
-        "start": _quantities(scenario.initial, fields), "changed": _quantities(changed, fields),
+        "start": _quantities(scenario.initial, fields),
+        "changed": _quantities(changed, fields),
         "differing": agreement.get(scenario.name),
     }
 
@@ -204,14 +206,15 @@ def _tracking_rows(flights: Sequence[Trajectory]) -> list[dict[str, Any]]:
     """Return the tracking figures: a row each, a value a flight."""
     manifest, figures = flights[0].scenario.folder.manifest, [tracking_metrics(f) for f in flights]
     fields = _fields(manifest)
-    rows = []
-    for kind, factor in (("iae", "*s"), ("mae2", "")):
-        for q in manifest.coordinates:
-            rows.append({"kind": kind, "of": q, "unit": f"{fields[q].unit}{factor}",
-                         "values": [f[f"{kind}_{q}"] for f in figures]})
-    rows.append({"kind": "peak", "of": "", "unit": fields[manifest.actuators[0]].unit,
-                 "values": [f["peak_torque"] for f in figures]})
-    return rows
+    kinds = (("iae", "*s"), ("mae2", ""))
+    rows = [
+        (k, q, f"{k}_{q}", fields[q].unit + by) for k, by in kinds for q in manifest.coordinates
+    ]
+    rows.append(("peak", "", "peak_torque", fields[manifest.actuators[0]].unit))
+    return [
+        {"kind": kind, "of": q, "unit": unit, "values": [f[key] for f in figures]}
+        for kind, q, key, unit in rows
+    ]
 
 
 def _fields(manifest: Manifest) -> dict[str, Field]:
@@ -224,7 +227,7 @@ def _parameter_table(manifest: Manifest) -> dict[str, Any]:
     """Return the parameter sets as a table, apart from what is zero in all of them."""
     sets = {name: manifest.parameter_sets[name] for name in sorted(manifest.parameter_sets)}
     fields = _fields(manifest)
-    listed = [*(n for n in fields), *sorted({n for s in sets.values() for n in s} - fields.keys())]
+    listed = [*fields, *sorted({n for s in sets.values() for n in s} - fields.keys())]
     rows, zeros = [], []
     for name in listed:
         values = [s.get(name) for s in sets.values()]
@@ -234,14 +237,11 @@ def _parameter_table(manifest: Manifest) -> dict[str, Any]:
             zeros.append(name)
             continue
         field = fields.get(name, Field(name, "double", "", ""))
-        rows.append({"name": name, "unit": field.unit, "description": _typeset(field.description),
-                     "values": values})
+        rows.append({"name": name, "field": field, "values": values})
     return {"names": list(sets), "rows": rows, "zeros": zeros}
 
 
-def _section(
-    section: Mapping[str, Any], identities: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
+def _section(section: Mapping[str, Any], identities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return a section of the derivation in parts: the continuous and the sampled equations."""
     heading, numbers = _numbered(section["heading"])
     proved = {i["name"]: bool(i["proved"]) for i in identities}
@@ -255,12 +255,19 @@ def _section(
             caption, source = _numbered(caption)
         part = parts["sampled" if sampled else "continuous"]
         repeated = bool(part) and part[-1]["plain"] == (caption, source) and mark is None
-        part.append({
-            "plain": (caption, source), "caption": _typeset("" if repeated else caption),
-            "source": source, "mark": mark, "math": mathml(equation["latex"]),
-        })
+        part.append(
+            {
+                "plain": (caption, source),
+                "caption": _typeset("" if repeated else caption),
+                "source": source,
+                "mark": mark,
+                "math": mathml(equation["latex"]),
+            }
+        )
     return {
-        "heading": heading, "numbers": numbers, "parts": {k: v for k, v in parts.items() if v},
+        "heading": heading,
+        "numbers": numbers,
+        "parts": {k: v for k, v in parts.items() if v},
         "folded": len(section["equations"]) > _LONG_SECTION,
     }
 

@@ -6,10 +6,12 @@ import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -17,27 +19,14 @@ from matplotlib.figure import Figure as Canvas
 from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.manifest import Field, Manifest
 
-#: Light-scheme colours; in the page each becomes the style sheet's variable of that name.
+_STYLE = Path(str(files("pfaffian.templates"))) / "report" / "figures.mplstyle"
 _INK, _MUTED, _GRID, _BAND = "#1f2328", "#6a7079", "#dfe2e6", "#8c6d1f"
-#: Colours that people with colour-vision deficiency can tell apart (Okabe and Ito), blue first.
+#: The cycle of the style file: colours that people with colour-vision deficiency can tell apart.
 _FLIGHTS = ("#0072b2", "#d55e00", "#009e73", "#a0508a")
-_DASHES = ("-", (0, (5, 1.6)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2)))
 _MARKERS = ("o", "s", "^", "D")
-_VARIABLES = {
-    _INK: "ink", _MUTED: "muted", _GRID: "grid", _BAND: "band",
-    **{colour: f"flight-{k + 1}" for k, colour in enumerate(_FLIGHTS)},
-}
-_STYLE = {
-    "svg.fonttype": "none", "svg.hashsalt": "pfaffian", "font.family": "DejaVu Sans",
-    "font.size": 8.0, "axes.labelsize": 8.0, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5, "axes.linewidth": 0.7, "lines.linewidth": 1.3,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "axes.edgecolor": _MUTED, "axes.labelcolor": _INK, "axes.axisbelow": True,
-    "xtick.color": _MUTED, "ytick.color": _MUTED, "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK, "text.color": _INK, "grid.color": _GRID, "grid.linewidth": 0.6,
-    "axes.unicode_minus": True, "path.simplify_threshold": 0.05,
-    "axes.formatter.useoffset": False,
-}
+#: Variables of the style sheet by the light-scheme colour that each stands for.
+_VARIABLES = {_INK: "ink", _MUTED: "muted", _GRID: "grid", _BAND: "band"}
+_VARIABLES |= {colour: f"flight-{k + 1}" for k, colour in enumerate(_FLIGHTS)}
 _WIDTH, _HEIGHT = 5.0, 2.75
 _TRANSIENT = 2.0
 _LAST_SECONDS = 2.0
@@ -91,7 +80,7 @@ def count_text(value: object) -> str:
 def history_figures(flights: Sequence[Trajectory], labels: Sequence[str]) -> tuple[Figure, ...]:
     """Return the time histories of all flights, overlaid."""
     manifest = flights[0].scenario.folder.manifest
-    with rc_context(_STYLE):
+    with rc_context(fname=_STYLE):
         return tuple(_histories(_Plot(flights, labels), manifest))
 
 
@@ -103,15 +92,17 @@ class _Plot:
     labels: Sequence[str]
 
     def figure(
-        self, name: str, ylabel: str, caption: str,
+        self,
+        name: str,
+        ylabel: str,
+        caption: str,
         signal: Callable[[Trajectory], np.ndarray[Any, Any]],
         decorate: Callable[[Axes], None] = lambda axes: None,
     ) -> Figure:
         canvas = Canvas(figsize=(_WIDTH, _HEIGHT), layout="constrained")
         axes = canvas.add_subplot()
         for k, (flight, label) in enumerate(zip(self.flights, self.labels, strict=True)):
-            axes.plot(flight.time, signal(flight), label=label, zorder=3 + k,
-                      color=_FLIGHTS[k % len(_FLIGHTS)], linestyle=_DASHES[k % len(_DASHES)])
+            axes.plot(flight.time, signal(flight), label=label, zorder=3 + k)
         axes.set_xlabel("time [s]")
         axes.set_ylabel(ylabel)
         axes.set_xlim(0.0, self.end())
@@ -166,8 +157,13 @@ def _coordinate(plot: _Plot, field: Field) -> Figure:
         for goal in goals:
             _level(axes, goal, f"setpoint {goal:.4g} {unit_text(field.unit)}")
 
-    return plot.figure(f"history-{field.name}", _quantity(field), f"{_meaning(field)}.",
-                       lambda f: f.measured[field.name], decorate)
+    return plot.figure(
+        f"history-{field.name}",
+        _quantity(field),
+        f"{_meaning(field)}.",
+        lambda f: f.measured[field.name],
+        decorate,
+    )
 
 
 def _error(plot: _Plot, field: Field) -> Figure:
@@ -177,13 +173,13 @@ def _error(plot: _Plot, field: Field) -> Figure:
         axes.set_yscale("log", nonpositive="mask")
         end = plot.end()
         axes.axvspan(max(end - _LAST_SECONDS, 0.0), end, color=_MUTED, alpha=0.13, linewidth=0)
-        axes.text(end - _LAST_SECONDS / 2, 0.96, "MAE2", transform=axes.get_xaxis_transform(),
-                  ha="center", va="top", color=_MUTED, fontsize=7)
 
     return plot.figure(
-        f"error-{field.name}", f"|{symbol} − {symbol}d| [{unit_text(field.unit)}]",
+        f"error-{field.name}",
+        f"|{symbol} − {symbol}d| [{unit_text(field.unit)}]",
         f"Distance of {symbol} from its setpoint, logarithmic; the shaded two seconds give MAE2.",
-        lambda f: np.abs(f.errors()[field.name]), decorate,
+        lambda f: np.abs(f.errors()[field.name]),
+        decorate,
     )
 
 
@@ -197,11 +193,16 @@ def _torque(plot: _Plot, field: Field) -> Iterator[Figure]:
         axes.set_xlim(0.0, min(_TRANSIENT, axes.get_xlim()[1]))
 
     symbol, signal = symbol_text(field.name), lambda f: f.output[field.name]
-    yield plot.figure(f"history-{field.name}", _quantity(field),
-                      f"{_meaning(field)}.", signal, limits)
-    yield plot.figure(f"transient-{field.name}", _quantity(field),
-                      f"The first {_TRANSIENT:g} seconds of {symbol}, on its own scale.",
-                      signal, transient)
+    yield plot.figure(
+        f"history-{field.name}", _quantity(field), f"{_meaning(field)}.", signal, limits
+    )
+    yield plot.figure(
+        f"transient-{field.name}",
+        _quantity(field),
+        f"The first {_TRANSIENT:g} seconds of {symbol}, on its own scale.",
+        signal,
+        transient,
+    )
 
 
 def _plain(
@@ -235,28 +236,43 @@ def _singular(plot: _Plot, field: Field) -> Iterator[Figure]:
             axes.axhspan(least / 3, threshold, color=_BAND, alpha=0.18, linewidth=0)
             _level(axes, threshold, f"threshold {threshold:g} {unit_text(field.unit)}")
 
-    yield plot.figure(f"history-{field.name}", _quantity(field), f"{_meaning(field)}; "
-                      "the law divides by it, so it must keep its sign.",
-                      lambda f: f.output[field.name], linear)
-    yield plot.figure(f"distance-{field.name}", f"|{symbol_text(field.name)}| "
-                      f"[{unit_text(field.unit)}]", "Distance from the singular set, logarithmic; "
-                      "below the threshold the law stops dividing.",
-                      lambda f: np.abs(f.output[field.name]), logarithmic)
+    yield plot.figure(
+        f"history-{field.name}",
+        _quantity(field),
+        f"{_meaning(field)}; the law divides by it, so it must keep its sign.",
+        lambda f: f.output[field.name],
+        linear,
+    )
+    yield plot.figure(
+        f"distance-{field.name}",
+        f"|{symbol_text(field.name)}| [{unit_text(field.unit)}]",
+        "Distance from the singular set, logarithmic; below the threshold the law fades 1/ADB out.",
+        lambda f: np.abs(f.output[field.name]),
+        logarithmic,
+    )
 
 
 def _level(axes: Axes, value: float, text: str = "", below: bool = False) -> None:
     """Draw a horizontal line at `value` and name it at its right end."""
     axes.axhline(value, color=_INK, linewidth=0.8, linestyle=(0, (1, 1.6)), zorder=2)
-    axes.annotate(text, (0.995, value), xycoords=("axes fraction", "data"),
-                  xytext=(0, -3 if below else 3), textcoords="offset points", ha="right",
-                  va="top" if below else "bottom", color=_INK, fontsize=7, zorder=9)
+    axes.annotate(
+        text,
+        (0.995, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -3 if below else 3),
+        textcoords="offset points",
+        ha="right",
+        va="top" if below else "bottom",
+        color=_INK,
+        fontsize=7,
+        zorder=9,
+    )
 
 
 def _legend(axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     columns = len(labels) if sum(map(len, labels)) < 70 else 1
-    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns,
-                frameon=False, borderaxespad=0.2, handlelength=2.6, columnspacing=1.6)
+    axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns)
 
 
 def verification_figure(rows: Sequence[Mapping[str, Any]], limit: float) -> Figure | None:
@@ -265,19 +281,17 @@ def verification_figure(rows: Sequence[Mapping[str, Any]], limit: float) -> Figu
         return None
     functions = list(dict.fromkeys(str(r["function"]) for r in rows))
     languages = list(dict.fromkeys(str(r["language"]) for r in rows))
-    with rc_context(_STYLE):
-        canvas = Canvas(figsize=(_WIDTH, 0.9 + 0.24 * len(functions)), layout="constrained")
+    with rc_context(fname=_STYLE):
+        canvas = Canvas(figsize=(_WIDTH, 0.9 + 0.36 * len(functions)), layout="constrained")
         axes = canvas.add_subplot()
         for k, language in enumerate(languages):
             own = [r for r in rows if str(r["language"]) == language]
-            shift = 0.36 * (k - (len(languages) - 1) / 2) / max(len(languages) - 1, 1)
-            axes.plot([float(r["worst_scaled_ulp"]) for r in own],
-                      [functions.index(str(r["function"])) + shift for r in own],
-                      _MARKERS[k % len(_MARKERS)], color=_FLIGHTS[k % len(_FLIGHTS)],
-                      markersize=4.5, label=language, zorder=3)
+            shift = 0.5 * (k - (len(languages) - 1) / 2) / max(len(languages) - 1, 1)
+            errors = [float(r["worst_scaled_ulp"]) for r in own]
+            heights = [functions.index(str(r["function"])) + shift for r in own]
+            axes.plot(errors, heights, _MARKERS[k % len(_MARKERS)], label=language, zorder=3)
         axes.axvline(limit, color=_INK, linewidth=1.0, linestyle=(0, (1, 1.6)))
-        axes.annotate(f"limit {limit:g}", (limit, 0.0), xycoords=("data", "axes fraction"),
-                      xytext=(-3, 4), textcoords="offset points", ha="right", fontsize=7)
+        axes.text(0.985 * limit, len(functions) - 0.6, f"limit {limit:g}", ha="right", fontsize=7)
         axes.set_yticks(range(len(functions)), functions)
         axes.set_ylim(len(functions) - 0.5, -0.5)
         axes.set_xlim(0.0, 1.1 * max(limit, *(float(r["worst_scaled_ulp"]) for r in rows)))
@@ -297,7 +311,7 @@ def _inline_svg(canvas: Canvas, name: str, caption: str, time_axes: Axes | None 
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     canvas.savefig(buffer, format="svg", metadata=nothing, transparent=True)
     svg = buffer.getvalue()
-    svg = svg[svg.index("<svg"):]
+    svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*|<!--.*?-->\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", svg)
     svg = re.sub(r' d="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
@@ -306,9 +320,9 @@ def _inline_svg(canvas: Canvas, name: str, caption: str, time_axes: Axes | None 
     for colour, variable in _VARIABLES.items():
         svg = svg.replace(colour, f"var(--{variable}, {colour})")
     width, height = (72.0 * size for size in canvas.get_size_inches())
-    root = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{_escape(caption)}"'
+    root = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(caption)}"'
     axis = _time_axis(time_axes, width, height) if time_axes else ""
-    return Markup(f"{root}{axis}{svg[svg.index('>'):]}")
+    return Markup(f"{root}{axis}{svg[svg.index('>') :]}")
 
 
 def _time_axis(axes: Axes, width: float, height: float) -> str:
@@ -316,10 +330,6 @@ def _time_axis(axes: Axes, width: float, height: float) -> str:
     box, (start, end) = axes.get_position(), axes.get_xlim()
     corners = (box.x0 * width, box.x1 * width, (1 - box.y1) * height, (1 - box.y0) * height)
     return f' data-axis="{" ".join(f"{v:.2f}" for v in (*corners, start, end))}"'
-
-
-def _escape(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
 
 
 def two_link_lengths(flight: Trajectory) -> tuple[float, float] | None:
@@ -350,18 +360,21 @@ def animation_data(
             return None
         stride = max(1, round(1.0 / (_FRAME_RATE * scenario.sample_time)))
         manifest = scenario.folder.manifest
-        torque = next(f for f in manifest.structures["output"].fields
-                      if f.name == manifest.actuators[0])
-        rows.append({
-            "label": label,
-            "names": [symbol_text(q) for q in manifest.coordinates],
-            "unit": unit_text(torque.unit),
-            "frame": stride * scenario.sample_time,
-            "links": [float(f"{length:.4g}") for length in links],
-            "setpoint": [round(scenario.setpoint[q], 4) for q in manifest.coordinates],
-            "angles": [_rounded(flight.measured[q][::stride], 4) for q in manifest.coordinates],
-            "torque": _rounded(flight.output[torque.name][::stride], 3),
-        })
+        torque = next(
+            f for f in manifest.structures["output"].fields if f.name == manifest.actuators[0]
+        )
+        rows.append(
+            {
+                "label": label,
+                "names": [symbol_text(q) for q in manifest.coordinates],
+                "unit": unit_text(torque.unit),
+                "frame": stride * scenario.sample_time,
+                "links": [float(f"{length:.4g}") for length in links],
+                "setpoint": [round(scenario.setpoint[q], 4) for q in manifest.coordinates],
+                "angles": [_rounded(flight.measured[q][::stride], 4) for q in manifest.coordinates],
+                "torque": _rounded(flight.output[torque.name][::stride], 3),
+            }
+        )
     return {"flights": rows}
 
 

@@ -18,11 +18,11 @@ from pfaffian.runtime.toolchain import controller_sources
 OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC = range(6)
 REFUSED = (BAD_INPUT, BAD_PARAMETER, NUMERIC)
 LARGEST, TINY, NORMAL = np.finfo(float).max, 5e-324, np.finfo(float).tiny
-SPECIAL = np.array(
-    [0.0, 1.0, np.inf, np.nan, LARGEST, TINY, NORMAL, NORMAL - TINY, np.pi / 2, 0.5]
-    + [1e4, 1e3, 1e-6, 1e154, 1e-154, 1e-162, 1e300, 1e-300, 2.0**53, 1e5]
+_SIZES = (
+    *(0.0, 1.0, np.inf, np.nan, LARGEST, TINY, NORMAL, NORMAL - TINY, np.pi / 2, 0.5),
+    *(1e4, 1e3, 1e-6, 1e154, 1e-154, 1e-162, 1e300, 1e-300, 2.0**53, 1e5),
 )
-SPECIAL = np.concatenate([SPECIAL, -SPECIAL])
+SPECIAL = np.array([sign * size for size in _SIZES for sign in (1.0, -1.0)])
 FOLDER = open_generated("pendubot")
 SETS = FOLDER.manifest.parameter_sets
 
@@ -100,7 +100,6 @@ def assert_safe(before, params, after, output, status):
     assert (raw(after)[:, refused] == raw(before)[:, refused]).all()
     assert (after["engaged"][~refused] == 1).all()
     assert is_finite(after)[is_finite(before)].all()
-    assert is_finite(after)[~refused & np.isfinite(before["leakage_decay"])].all() or True
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -117,7 +116,7 @@ def test_raw_bit_patterns_everywhere(host):
     batch = sensible(FOLDER, rng, 100_000)
     for records in batch:
         for name in records.dtype.names:
-            if records.dtype[name] == float:
+            if records.dtype[name].kind == "f":
                 records[name] = rng.integers(0, 2**64, len(records), dtype=np.uint64).view(float)
     batch[2]["q1"][::2] = 1.0  # half of them get past the check of the measurement
     for name in batch[2].dtype.names:
@@ -129,7 +128,7 @@ def test_raw_bit_patterns_everywhere(host):
 NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300, deadline=None, derandomize=True)
 @given(
     state=st.tuples(st.integers(0, 2**32 - 1), *[NUMBERS] * 5),
     changes=st.dictionaries(st.sampled_from(sorted(SETS["sim"])), NUMBERS, max_size=4),
@@ -162,7 +161,7 @@ def test_step_refuses_a_torque_limit_that_limits_nothing(host, limit):
     params = fill_records(host.records("params"), SETS["sim"] | {"torque_limit": limit})
     _, output, status = stepped(host, host.records("state"), params, host.records("input"))
     assert status[0] == BAD_PARAMETER
-    assert raw(output).any() == False  # noqa: E712
+    assert not raw(output).any()
 
 
 def bounds():
@@ -255,10 +254,10 @@ def test_torque_stays_bounded_around_adb_zero_and_p1_falls_with_adb(host):
     assert near.any()
     assert not near.all()
     assert ((status == NEAR_SINGULAR) == near).all()
-    ratio = output["p1"][near] / output["adb"][near]
-    demand = ratio[np.isfinite(ratio)] * threshold**2
-    assert np.ptp(demand) < 0.9 * np.abs(demand).max()  # p1 = ADB demand / threshold^2
-    assert np.abs(output["p1"][np.abs(q2) < 1e-9]).max() < 1e-12
+    close = (np.abs(q2) < 1e-3) & (output["adb"] != 0.0)
+    demand = output["p1"][close] / output["adb"][close] * threshold**2
+    assert np.ptp(demand) < 0.01 * np.abs(demand).max()  # p1 = ADB demand / threshold^2
+    assert (output["p1"][np.abs(q2) < 1e-9] == 0.0).all()
 
 
 def test_p1_follows_adb_through_the_threshold_without_a_jump(host):
@@ -328,8 +327,10 @@ def run_sanitized(folder, flags, batch):
     (folder / "driver.c").write_text(_DRIVER)
     sources = [str(p) for p in controller_sources(FOLDER.path, FOLDER.manifest)]
     built = subprocess.run(
-        ["gcc", "-std=c99", "-O1", "-g", "-ffp-contract=off", "-fno-sanitize-recover=all"]
-        + [*flags, f"-I{FOLDER.path / 'c'}", "driver.c", *sources, "-o", "driver", "-lm"],
+        [
+            *("gcc", "-std=c99", "-O1", "-g", "-ffp-contract=off", "-fno-sanitize-recover=all"),
+            *(*flags, f"-I{FOLDER.path / 'c'}", "driver.c", *sources, "-o", "driver", "-lm"),
+        ],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -338,10 +339,8 @@ def run_sanitized(folder, flags, batch):
     if built.returncode and "cannot find" in built.stderr:
         pytest.skip("gcc has no sanitizer libraries here")
     assert built.returncode == 0, built.stderr
-    rows = zip(
-        *(np.split(b.view(np.uint8).reshape(len(b), -1), len(b)) for b in batch), strict=True
-    )
-    given = b"".join(part.tobytes() for row in rows for part in row)
+    rows = zip(*([r.tobytes() for r in b] for b in batch), strict=True)
+    given = b"".join(part for row in rows for part in row)
     done = subprocess.run([folder / "driver"], input=given, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()[-2000:]
     assert int(done.stdout) == len(batch[0])

@@ -32,8 +32,9 @@ def _flight(scenario: Scenario, rate: float) -> Trajectory:
     scenario = dataclasses.replace(scenario, steps=n)
     time = np.arange(n) * scenario.sample_time
     structures = scenario.folder.manifest.structures
-    signals = {role: np.zeros(n, layout_of(structures[role])) for role in (
-        "input", "output", "state")}
+    signals = {
+        role: np.zeros(n, layout_of(structures[role])) for role in ("input", "output", "state")
+    }
     decay = np.exp(-rate * time)
     for shift, (name, goal) in enumerate(scenario.setpoint.items()):
         signals["input"][name] = goal + 0.5 * decay * np.cos(9.0 * time + shift)
@@ -41,25 +42,52 @@ def _flight(scenario: Scenario, rate: float) -> Trajectory:
     signals["output"]["beta"] = 0.1 * decay
     signals["output"]["adb"] = -60.0 - 5.0 * decay
     return Trajectory(
-        scenario, "host", time, signals["input"], signals["output"], signals["state"],
-        np.zeros(n, np.int32), np.zeros(n),
+        scenario,
+        "host",
+        time,
+        signals["input"],
+        signals["output"],
+        signals["state"],
+        np.zeros(n, np.int32),
+        np.zeros(n),
     )
 
 
 def _data(flights: tuple[Trajectory, ...]) -> ReportData:
     functions = [
-        {"function": function, "language": language, "worst_scaled_ulp": worst, "output": "tau",
-         "samples": 100_000, "at": {"q1": 0.1}}
+        {
+            "function": function,
+            "language": language,
+            "worst_scaled_ulp": worst,
+            "output": "tau",
+            "samples": 100_000,
+            "at": {"q1": 0.1},
+        }
         for function, language, worst in (
-            ("step", "python", 1.25), ("step", "c-host", 2.0625), ("energy", "c-ppc750", 0.5))
+            ("step", "python", 1.25),
+            ("step", "c-host", 2.0625),
+            ("energy", "c-ppc750", 0.5),
+        )
     ]
     return ReportData(
         folder=flights[0].scenario.folder,
         flights=flights,
-        verification={"samples": 100_000, "worst_scaled_ulp": 2.0625, "target_samples": 20_000,
-                      "target_mismatches": 0, "functions": functions, "more": [1]},
-        build={"target": "ppc750", "text_bytes": 4321, "stack_bytes": 304,
-               "instructions_per_step": 1070, "compiler": "some cc", "more": {}},
+        verification={
+            "samples": 100_000,
+            "worst_scaled_ulp": 2.0625,
+            "target_samples": 20_000,
+            "target_mismatches": 0,
+            "functions": functions,
+            "more": [1],
+        },
+        build={
+            "target": "ppc750",
+            "text_bytes": 4321,
+            "stack_bytes": 304,
+            "instructions_per_step": 1070,
+            "compiler": "some cc",
+            "more": {},
+        },
         agreement={f.scenario.name: 0 for f in flights},
     )
 
@@ -124,7 +152,9 @@ def test_nothing_is_loaded(page: str) -> None:
     assert re.findall(r"url\((?!#)", page) == []
     assert "@import" not in page
     assert set(re.findall(r"https?://[^\"' ]+", page)) <= {
-        "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
 
 
 def test_links_lead_somewhere(page: str) -> None:
@@ -158,9 +188,17 @@ def test_size(page: str) -> None:
 def test_shows_the_figures(page: str, flights: tuple[Trajectory, ...]) -> None:
     text, manifest = _text(page), flights[0].scenario.folder.manifest
     for words in (
-        "4 321 bytes", "304 bytes", "1 070", "2.06 scaled ulp", "20 000, with 0 mismatches",
-        "output tau of step in c-host", "4 000 OK", str(manifest.operations["step"]),
-        manifest.model_sha256, manifest.parameters_sha256, "6 of 6 identities proved",
+        "4 321 bytes",
+        "304 bytes",
+        "1 070",
+        "2.06 scaled ulp",
+        "20 000, with 0 mismatches",
+        "output tau of step in c-host",
+        "4 000 OK",
+        str(manifest.operations["step"]),
+        manifest.model_sha256,
+        manifest.parameters_sha256,
+        "6 of 6 identities proved",
     ):
         assert words in text, words
     for flight in flights:
@@ -173,8 +211,18 @@ def test_shows_the_figures(page: str, flights: tuple[Trajectory, ...]) -> None:
 def test_figures_have_every_flight_and_axes(page: str, flights: tuple[Trajectory, ...]) -> None:
     figures = re.findall(r'<figure id="figure-([\w-]+)">(.*?)</figure>', page, flags=re.DOTALL)
     assert [name for name, _ in figures] == [
-        "history-q1", "history-q2", "error-q1", "error-q2", "history-tau", "transient-tau",
-        "history-beta", "history-bound_estimate", "history-adb", "distance-adb", "verification"]
+        "history-q1",
+        "history-q2",
+        "error-q1",
+        "error-q2",
+        "history-tau",
+        "transient-tau",
+        "history-beta",
+        "history-bound_estimate",
+        "history-adb",
+        "distance-adb",
+        "verification",
+    ]
     for name, figure in figures[:-1]:
         assert "time [s]" in figure, name
         for label in flight_labels(flights):
@@ -190,7 +238,7 @@ def test_all_equations_and_identities(page: str, flights: tuple[Trajectory, ...]
     path = flights[0].scenario.folder.path / "derivation.json"
     derivation = json.loads(path.read_text(encoding="utf-8"))
     assert page.count("<math ") == sum(len(s["equations"]) for s in derivation["sections"])
-    section = page[page.index('<section id="equations">'):]
+    section = page[page.index('<section id="equations">') :]
     assert section.count('class="mark pass"') == len(derivation["identities"])
     assert 'class="mark fail"' not in page
 
@@ -203,7 +251,8 @@ def test_unproved_identity_is_said(flights: tuple[Trajectory, ...], tmp_path: Pa
     document["identities"][2]["proved"] = False
     (folder / "derivation.json").write_text(json.dumps(document), encoding="utf-8")
     data = dataclasses.replace(
-        _data(flights[:1]), folder=GeneratedFolder(folder, flights[0].scenario.folder.manifest))
+        _data(flights[:1]), folder=GeneratedFolder(folder, flights[0].scenario.folder.manifest)
+    )
     text = _text(render_report(data))
     assert "Only 5 of 6 identities" in text
     assert text.count(": not proved") == 1
@@ -224,12 +273,20 @@ def test_faults_are_said(flights: tuple[Trajectory, ...]) -> None:
     data = _data(flights)
     wrong = {**data.verification, "worst_scaled_ulp": 7.5, "target_mismatches": 3}
     unsettled = dataclasses.replace(flights[0], status=np.full(4000, 2, np.int32))
-    page = render_report(dataclasses.replace(
-        data, flights=(unsettled, flights[1]), verification=wrong,
-        agreement={_SCENARIOS[0]: 12}))
+    page = render_report(
+        dataclasses.replace(
+            data, flights=(unsettled, flights[1]), verification=wrong, agreement={_SCENARIOS[0]: 12}
+        )
+    )
     text = _text(page)
-    for words in ("not verified", "7.50", "12 bits differ", "not compared", "does not settle",
-                  "4 000 NEAR_SINGULAR"):
+    for words in (
+        "not verified",
+        "7.50",
+        "12 bits differ",
+        "not compared",
+        "does not settle",
+        "4 000 NEAR_SINGULAR",
+    ):
         assert words in text, words
 
 
@@ -264,17 +321,24 @@ def test_foreign_words_stay_words(flights: tuple[Trajectory, ...]) -> None:
     assert _Structure(page).faults == []
 
 
-@pytest.mark.parametrize(("latex", "shown"), [
-    (r"\mathrm{bound\_estimate\_rate} = - bound_{estimate} \kappa_2",
-     "boundestimate\u00a0rate=−boundestimate⋅κ2"),
-    (r"\mathrm{bhat\_next} = \hat{b}_{inside} layer", "bˆnext=bˆinside⋅layer"),
-    (r"\mathrm{cos\_q1\_plus\_q2} = \cos{\left(q_{1 plus q2} \right)}", "cosq1+q2=cos(q1+2)"),
-    (r"\mathrm{m11} = 2 cos_{q2} \theta_3 + l_{c1}", "m11=2cosq2θ3+lc1"),
-    (r"\operatorname{atan}{\left(s \right)}", "arctan(s)"),
-    (r"\begin{cases} drift & \text{for}\: engaged > 0 \\offset & \text{otherwise} \end{cases}",
-     "{driftifengaged>0offsetotherwise"),
-    (r"T = \tfrac12 \dot q^T M \dot q", "T=12q˙TMq˙"),
-])
+@pytest.mark.parametrize(
+    ("latex", "shown"),
+    [
+        (
+            r"\mathrm{bound\_estimate\_rate} = - bound_{estimate} \kappa_2",
+            "boundestimate\u00a0rate=−boundestimate⋅κ2",
+        ),
+        (r"\mathrm{bhat\_next} = \hat{b}_{inside} layer", "bˆnext=bˆinside⋅layer"),
+        (r"\mathrm{cos\_q1\_plus\_q2} = \cos{\left(q_{1 plus q2} \right)}", "cosq1+q2=cos(q1+2)"),
+        (r"\mathrm{m11} = 2 cos_{q2} \theta_3 + l_{c1}", "m11=2cosq2θ3+lc1"),
+        (r"\operatorname{atan}{\left(s \right)}", "arctan(s)"),
+        (
+            r"\begin{cases} drift & \text{for}\: engaged > 0 \\rate & \text{otherwise} \end{cases}",
+            "{driftifengaged>0rateotherwise",
+        ),
+        (r"T = \tfrac12 \dot q^T M \dot q", "T=12q˙TMq˙"),
+    ],
+)
 def test_equations_read_as_written(latex: str, shown: str) -> None:
     assert re.sub("<[^>]*>", "", mathml(latex)).replace("&gt;", ">") == shown
 

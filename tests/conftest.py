@@ -1,0 +1,105 @@
+"""Fixtures shared by the tests of the command line: run it in this process, watch the disk."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one call of the command line gave back."""
+
+    code: int
+    out: str
+    err: str
+
+    def document(self) -> Any:
+        """Return standard output, which must be one JSON document and nothing else."""
+        return json.loads(self.out)
+
+
+def tree(folder: Path) -> dict[str, bytes | str]:
+    """Return what is at every path below `folder`: a file's bytes, where a link leads, a folder."""
+
+    def content(path: Path) -> bytes | str:
+        if path.is_symlink():
+            return f"-> {path.readlink()}"
+        return "a folder" if path.is_dir() else path.read_bytes()
+
+    return {str(p.relative_to(folder)): content(p) for p in sorted(folder.rglob("*"))}
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return a function that runs `pfaffian ARGUMENTS` in this process."""
+    from pfaffian.cli.main import main
+
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*arguments: object) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["pfaffian", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            main()
+        said = capsys.readouterr()
+        return Outcome(int(left.value.code or 0), said.out, said.err)
+
+    return call
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty folder that is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def refused(run: Callable[..., Outcome], workspace: Path) -> Any:
+    """Return a function that checks that a call is refused and leaves the workspace alone.
+
+    `says` are parts of the message: what, where and what to do. The error must come without a
+    traceback, and with --json as one document on standard output and nothing else there.
+    """
+
+    def check(*arguments: object, says: tuple[str, ...], code: int = 2) -> str:
+        before = tree(workspace)
+        plain = run(*arguments)
+        script = run(*arguments, "--json")
+        assert tree(workspace) == before, "a refused call wrote something"
+        assert plain.code == script.code == code, plain.err
+        assert plain.out == ""
+        assert "error: " in plain.err
+        assert "Traceback" not in plain.err
+        error = script.document()["error"]
+        assert set(script.document()) == {"error"}
+        assert error["exit_code"] == code
+        assert error["message"]
+        assert error["remedy"], "the message does not say what to do"
+        for text in (plain.err, f"{error['message']}\n{error['remedy']}"):
+            for part in says:
+                assert part in text
+        return str(error["message"])
+
+    return check
+
+
+@pytest.fixture
+def params(workspace: Path) -> Callable[[str], Path]:
+    """Return a function that writes the parameter set `mine.toml` into the workspace."""
+
+    def write(text: str) -> Path:
+        path = workspace / "mine.toml"
+        path.write_text(text, encoding="utf-8")
+        return Path(path.name)
+
+    return write
