@@ -9,7 +9,7 @@ from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.emitter import Emission, Emitter
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
-from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Manifest
+from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
 
 EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python)
 
@@ -50,6 +50,7 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         status=STATUS,
         structures=structures_of(model),
+        parameters=tuple(Field(p.name, "double", p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
         domain=domain,

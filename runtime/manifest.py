@@ -51,6 +51,7 @@ class Manifest:
     actuators: tuple[str, ...]
     status: tuple[str, ...]
     structures: Mapping[str, Structure]
+    parameters: tuple[Field, ...]
     parameter_sets: Mapping[str, Mapping[str, float]]
     set_titles: Mapping[str, str]
     domain: Mapping[str, float]
@@ -74,6 +75,7 @@ def read_manifest(folder: Path) -> Manifest:
             key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
             for key, s in document.pop("structures").items()
         }
+        document["parameters"] = tuple(Field(**f) for f in document["parameters"])
         for key in ("coordinates", "actuators", "status"):
             document[key] = tuple(document[key])
         manifest = Manifest(structures=structures, **document)

@@ -220,23 +220,22 @@ def _tracking_rows(flights: Sequence[Trajectory]) -> list[dict[str, Any]]:
 def _fields(manifest: Manifest) -> dict[str, Field]:
     """Return every member of the generated structures by name."""
     order = ("plant_params", "params", "plant_state", "input", "output")
-    return {f.name: f for role in order for f in manifest.structures[role].fields}
+    members = {f.name: f for role in order for f in manifest.structures[role].fields}
+    return {f.name: f for f in manifest.parameters} | members
 
 
 def _parameter_table(manifest: Manifest) -> dict[str, Any]:
     """Return the parameter sets as a table, apart from what is zero in all of them."""
     sets = {name: manifest.parameter_sets[name] for name in sorted(manifest.parameter_sets)}
     fields = _fields(manifest)
-    listed = [*fields, *sorted({n for s in sets.values() for n in s} - fields.keys())]
     rows, zeros = [], []
-    for name in listed:
+    for name, field in fields.items():
         values = [s.get(name) for s in sets.values()]
         if all(v is None for v in values):
             continue
         if not any(values):
             zeros.append(name)
             continue
-        field = fields.get(name, Field(name, "double", "", ""))
         rows.append({"name": name, "field": field, "values": values})
     return {"names": list(sets), "rows": rows, "zeros": zeros}
 
