@@ -9,9 +9,12 @@ from __future__ import annotations
 import ctypes
 import difflib
 import errno
+import glob
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pfaffian.derive.generation import Generation
@@ -30,6 +33,17 @@ def write_generation(generation: Generation, folder: Path) -> tuple[str, ...]:
     """
     folder = Path(os.path.realpath(folder))
     _check_target(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with _alone(folder.parent) as alone:
+            if alone:
+                _clear_abandoned(folder)
+            return _replace(generation, folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
+def _replace(generation: Generation, folder: Path) -> tuple[str, ...]:
     old = _generated_files(folder)
     changed = tuple(
         path for path, text in generation.files if _bytes_of(folder / path) != text.encode("utf-8")
@@ -37,19 +51,47 @@ def write_generation(generation: Generation, folder: Path) -> tuple[str, ...]:
     removed = tuple(sorted(old - {path for path, _ in generation.files}))
     if not changed and not removed:
         return ()
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise _unwritable(folder, error) from error
+    staging = Path(tempfile.mkdtemp(prefix=_staging_prefix(folder), dir=folder.parent))
     try:
         _fill(staging, generation, folder, removed)
         _exchange(staging, folder)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return tuple(sorted({*changed, *removed}))
+
+
+def _staging_prefix(folder: Path) -> str:
+    return f".{folder.name}-pfaffian-"
+
+
+def _clear_abandoned(folder: Path) -> None:
+    """Remove what killed runs have left beside `folder`; nobody else is writing now."""
+    for path in folder.parent.glob(f"{glob.escape(_staging_prefix(folder))}????????"):
+        shutil.rmtree(path, ignore_errors=True)
+
+
+@contextmanager
+def _alone(parent: Path) -> Iterator[bool]:
+    """Hold the lock of `parent`, so that no two writers copy each other's files.
+
+    The system gives it back when the process ends, however it ends. The value is whether there is
+    such a lock here.
+    """
+    handle = None
+    try:
+        import fcntl
+
+        handle = os.open(parent, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+    except (ImportError, OSError):
+        locked = False
+    else:
+        locked = True
+    try:
+        yield locked
+    finally:
+        if handle is not None:
+            os.close(handle)
 
 
 def drift(generation: Generation, folder: Path) -> str:

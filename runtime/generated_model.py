@@ -133,6 +133,7 @@ class GeneratedModel:
                 passed.append(argument)
                 continue
             array, role, changes = argument
+            self._check(function, array, role, count)
             if self._same_order:
                 passed.append(array)
                 continue
@@ -145,6 +146,15 @@ class GeneratedModel:
         self.machine.call(function, *passed)
         for array, there in written:
             array[...] = there
+
+    def _check(self, function: str, array: Records, role: str, count: int) -> None:
+        """Refuse an array that the C code would read past its end or with another layout."""
+        wanted = self._native.get(role) or np.dtype(role)
+        if array.dtype != wanted or array.shape != (count,):
+            raise InputError(
+                f"{function}: {role} has type {array.dtype} and shape {array.shape}",
+                remedy=f"give records(...) of that role with shape ({count},)",
+            )
 
     def init(self, state: Records, params: Records, status: Records) -> None:
         """Prepare states for their first period; `status` is int32 of shape (k,)."""

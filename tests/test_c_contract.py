@@ -281,7 +281,7 @@ BUILDS = [
     pytest.param("gcc", ("-O3",), id="gcc-O3", marks=needs_gcc),
     pytest.param("gcc", ("-O2", "-mfma"), id="gcc-fma", marks=[needs_gcc, needs_fma]),
     pytest.param("gcc", ("-O3", "-march=native"), id="gcc-native", marks=needs_gcc),
-    pytest.param("zig", ("-O0",), id="zig-O0", marks=needs_zig),
+    pytest.param("zig", ("-O2",), id="zig-O2", marks=needs_zig),
     pytest.param("zig", ("-O3",), id="zig-O3", marks=needs_zig),
 ]
 

@@ -274,7 +274,7 @@ def parameters_are_valid(params):
     valid = valid & (params.q2d >= -1000.0) & (params.q2d <= 1000.0)
     valid = valid & (params.sample_time >= 1e-06) & (params.sample_time <= 1.0)
     valid = valid & (params.torque_limit > 0.0) & (params.torque_limit <= 10000.0)
-    valid = valid & (params.singular_threshold > 0.0) & (params.singular_threshold <= 1000000.0)
+    valid = valid & (params.singular_threshold >= 1e-09) & (params.singular_threshold <= 1000000.0)
     return valid
 
 

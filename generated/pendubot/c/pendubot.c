@@ -44,7 +44,7 @@ static int parameters_are_valid(const pendubot_params_t *params)
         (params->q2d >= -1000.0) && (params->q2d <= 1000.0) &&
         (params->sample_time >= 1e-06) && (params->sample_time <= 1.0) &&
         (params->torque_limit > 0.0) && (params->torque_limit <= 10000.0) &&
-        (params->singular_threshold > 0.0) && (params->singular_threshold <= 1000000.0);
+        (params->singular_threshold >= 1e-09) && (params->singular_threshold <= 1000000.0);
 }
 
 static void clear_output(pendubot_output_t *output)
