@@ -15,13 +15,15 @@ if TYPE_CHECKING:
 EMULATORS = ("unicorn",)
 
 
-def fly_scenario(reference: str, mode: str, generated: Path | None, as_json: bool) -> None:
+def fly_scenario(
+    reference: str, mode: str, set_name: str | None, generated: Path | None, as_json: bool
+) -> None:
     """Fly a scenario on the host, or on the emulator `mode` and compare with the host."""
     from pfaffian.runtime.scenario import read_scenario
 
     if mode != "host" and mode not in EMULATORS:
         raise InputError(f"unknown emulator {mode}", remedy=f"known: {', '.join(EMULATORS)}")
-    scenario = read_scenario(reference, generated)
+    scenario = read_scenario(reference, generated, set_name)
     if mode == "host":
         _, document = fly_host(scenario)
     else:
@@ -69,6 +71,7 @@ def flight_document(trajectory: Trajectory) -> dict[str, Any]:
 
     return {
         "scenario": trajectory.scenario.name,
+        "set": trajectory.scenario.set_name,
         "mode": trajectory.mode,
         "steps": len(trajectory.time),
         **tracking_metrics(trajectory),

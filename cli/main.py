@@ -23,6 +23,9 @@ app.add_typer(bench_app, name="bench")
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Model = Annotated[str, typer.Argument(help="A model of the library, or the folder of your own.")]
 SetName = Annotated[str | None, typer.Option("--set", help="Parameter set of the model.")]
+FlightSet = Annotated[
+    str | None, typer.Option("--set", help="Parameter set to fly instead of the scenario's.")
+]
 Params = Annotated[Path | None, typer.Option("--params", help="Parameter set in a TOML file.")]
 Generated = Annotated[
     Path | None, typer.Option("--generated", help="Folder of generated code to use instead.")
@@ -103,26 +106,28 @@ def build(
 @app.command()
 def simulate(
     scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
+    set_name: FlightSet = None,
     generated: Generated = None,
     json: Json = False,
 ) -> None:
     """Fly a scenario with the controller on this machine."""
     from pfaffian.cli.flights import fly_scenario
 
-    fly_scenario(scenario, "host", generated, json)
+    fly_scenario(scenario, "host", set_name, generated, json)
 
 
 @app.command()
 def pil(
     scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
     emulator: Annotated[str, typer.Option(help="unicorn.")] = "unicorn",
+    set_name: FlightSet = None,
     generated: Generated = None,
     json: Json = False,
 ) -> None:
     """Fly a scenario with the controller on the emulated PowerPC 750GX, and compare the bits."""
     from pfaffian.cli.flights import fly_scenario
 
-    fly_scenario(scenario, emulator, generated, json)
+    fly_scenario(scenario, emulator, set_name, generated, json)
 
 
 @app.command()

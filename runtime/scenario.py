@@ -69,12 +69,14 @@ def report_scenarios(model: str) -> list[str]:
     return names
 
 
-def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
+def read_scenario(
+    reference: str, generated: Path | None = None, set_name: str | None = None
+) -> Scenario:
     """Read the scenario called `reference`, or the one in that file.
 
-    `generated` replaces the folder of the generated model. Raises `InputError` for an unknown
-    scenario, model, set or key, a wrong unit, and a start inside the singular set or cut off from
-    the setpoint by it.
+    `generated` replaces the folder of the generated model, `set_name` the parameter set. Raises
+    `InputError` for an unknown scenario, model, set or key, a wrong unit, and a start inside the
+    singular set or cut off from the setpoint by it.
     """
     known = scenario_paths()
     path = known.get(reference, Path(reference))
@@ -83,7 +85,7 @@ def read_scenario(reference: str, generated: Path | None = None) -> Scenario:
     document = read_toml(path)
     _check_keys(document, path)
     folder = open_generated(str(generated or _text(document, "model", path)))
-    set_name = _text(document, "set", path)
+    set_name = set_name or _text(document, "set", path)
     parameters = folder.parameters(set_name)
     structures = folder.manifest.structures
     controller = parameters | _quantities(document, "controller", structures["params"], path)

@@ -117,7 +117,10 @@ def test_the_manifest_has_the_digest_of_every_other_file(twins):
     assert manifest["files"] == {p: hashlib.sha256(c).hexdigest() for p, c in content.items()}
 
 
-def test_a_parameter_change_derives_nothing_and_imports_neither_sympy_nor_casadi(twins, tmp_path):
+def test_a_parameter_change_derives_nothing_and_imports_neither_sympy_nor_casadi(
+    twins, tmp_path, monkeypatch
+):
+    monkeypatch.delenv("PFAFFIAN_CACHE", raising=False)
     lowered_model(find_model("pendubot"))  # both stages are in the cache now
     (tmp_path / "mine.toml").write_text('extends = "sim"\n[gains]\nsigma = "3.25 1/s"\n')
     arguments = ("generate", "pendubot", "--params", "mine.toml", "-o", "made")

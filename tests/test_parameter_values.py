@@ -17,7 +17,7 @@ from pfaffian.runtime.generated_model import open_generated
 from pfaffian.runtime.toolchain import compile_image, host_target
 
 SOURCE = find_model("pendubot")
-#: Values that a careless printer or reader would spoil; the third is subnormal.
+#: Values that a careless printer or reader would spoil; k1 is the least there is.
 AWKWARD = """
 extends = "rig"
 title = "awkward"
@@ -35,7 +35,7 @@ bound_initial = "9999.999999999998 N*m"
 [target]
 torque_limit = "1e4 N*m"
 sample_time = "9.765625e-4 s"
-singular_threshold = "1e-300 1/(kg*m^2)"
+singular_threshold = "0.1 1/(kg*m^2)"
 """
 
 
@@ -57,7 +57,7 @@ def awkward(workspace, run):
 def test_a_parameter_reads_back_from_c_to_the_bit(awkward):
     code, wanted = awkward
     sources = [code.path / "c" / "pendubot_params.c"]
-    image = code.path.parent / "params.so"
+    image = code.path.resolve().with_name("params.so")
     image.write_bytes(compile_image(host_target(), sources, code.path / "c"))
     names = code.manifest.structures["params"].names()
     row = (ctypes.c_double * len(names)).in_dll(ctypes.CDLL(str(image)), "pendubot_params_awkward")
@@ -119,7 +119,6 @@ def test_a_set_in_other_units_is_the_same_to_one_ulp(workspace):
     for name, value in raw["sim"].items():
         assert abs(raw["elsewhere"][name] - value) <= math.ulp(value), name
     assert raw["elsewhere"]["q1d"] == math.pi / 2
-    assert raw["elsewhere"] != raw["sim"] or raw["elsewhere"] is not raw["sim"]
 
 
 def test_a_set_in_other_units_gives_the_same_controller(workspace, run):

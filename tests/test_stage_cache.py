@@ -1,4 +1,4 @@
-"""The cache saves time and nothing else: damaged, full, foreign or off, the results are the same."""
+"""The cache saves time and nothing else: damaged, full or off, the results are the same."""
 
 from __future__ import annotations
 
