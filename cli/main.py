@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -158,7 +159,19 @@ def bench_regenerate(
 
 
 def main() -> None:
-    """Run the command line; errors of ours become a message and their exit code."""
+    """Run the command line; a reader of the output that went away is an end, not an error."""
+    try:
+        try:
+            _run()
+        finally:
+            sys.stdout.flush()  # here, where it can be caught: a short output is still buffered
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _run() -> NoReturn:
+    """Run one command; errors of ours become a message and their exit code."""
     as_json = "--json" in sys.argv
     try:
         code = app(standalone_mode=not as_json)
@@ -174,8 +187,7 @@ def main() -> None:
         if usage is None:
             raise
         _leave(InputError(usage(), remedy="see pfaffian COMMAND --help"), as_json)
-    else:
-        sys.exit(code or 0)
+    sys.exit(code or 0)
 
 
 def _leave(error: PfaffianError, as_json: bool) -> NoReturn:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -15,7 +15,7 @@ from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
-from pfaffian.runtime.manifest import MANIFEST_NAME, Manifest, read_manifest
+from pfaffian.runtime.manifest import MANIFEST_NAME, ROLES, Manifest, read_manifest
 from pfaffian.runtime.toolchain import (
     compile_image,
     harness_sources,
@@ -24,19 +24,6 @@ from pfaffian.runtime.toolchain import (
 )
 
 Records = np.ndarray[Any, Any]
-#: Roles in the order in which `pf_sizeof` of the harness numbers them.
-ROLES = (
-    "params",
-    "input",
-    "state",
-    "output",
-    "continuous_state",
-    "continuous_output",
-    "plant_params",
-    "plant_state",
-    "plant_input",
-    "plant_rate",
-)
 
 
 @dataclass(frozen=True)
@@ -59,13 +46,17 @@ class GeneratedFolder:
     def python_module(self) -> ModuleType:
         """Import the generated NumPy module from this folder."""
         path = self.path / f"{self.manifest.model}.py"
-        found = importlib.util.spec_from_file_location(
-            f"_pfaffian_generated_{self.manifest.model}", path
-        )
-        if found is None or found.loader is None or not path.is_file():
+        if not path.is_file():
             raise InputError(f"{path}: is missing", remedy="regenerate the model")
-        module = importlib.util.module_from_spec(found)
-        found.loader.exec_module(module)
+        module = ModuleType(f"_pfaffian_generated_{self.manifest.model}")
+        sys.modules[module.__name__] = module  # dataclasses look their module up by name
+        try:
+            # Compiled here, not imported: bytecode left in the folder could outlive a regeneration.
+            exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
+        except Exception as error:
+            raise InputError(
+                f"{path}: {type(error).__name__}: {error}", remedy="regenerate the model"
+            ) from error
         return module
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pfaffian.runtime.manifest import Structure
-
-_CODES = {"double": "f8", "uint32_t": "u4"}
+from pfaffian.runtime.manifest import MEMBER_TYPES, Structure
 
 
 def layout_of(structure: Structure, byte_order: str = "=") -> np.dtype[np.void]:
@@ -13,5 +11,5 @@ def layout_of(structure: Structure, byte_order: str = "=") -> np.dtype[np.void]:
 
     Members are aligned as both the x86-64 and the PowerPC EABI align them: each to its own size.
     """
-    members = [(f.name, f"{byte_order}{_CODES[f.type]}") for f in structure.fields]
+    members = [(f.name, f"{byte_order}{MEMBER_TYPES[f.type]}") for f in structure.fields]
     return np.dtype(members, align=True)

@@ -12,6 +12,21 @@ from pfaffian.runtime.errors import InputError
 #: Version of the layout of generated structures and functions; `runtime/c` checks it too.
 ABI_VERSION = 1
 MANIFEST_NAME = "manifest.json"
+#: Roles in the order in which `pf_sizeof` of the harness numbers them.
+ROLES = (
+    "params",
+    "input",
+    "state",
+    "output",
+    "continuous_state",
+    "continuous_output",
+    "plant_params",
+    "plant_state",
+    "plant_input",
+    "plant_rate",
+)
+#: C types of structure members, by the NumPy type of their bytes.
+MEMBER_TYPES = {"double": "f8", "uint32_t": "u4"}
 
 
 @dataclass(frozen=True)
@@ -79,6 +94,7 @@ def read_manifest(folder: Path) -> Manifest:
         for key in ("coordinates", "actuators", "status"):
             document[key] = tuple(document[key])
         manifest = Manifest(structures=structures, **document)
+        _check_structures(structures)
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror})",
@@ -94,3 +110,14 @@ def read_manifest(folder: Path) -> Manifest:
             remedy="regenerate the model",
         )
     return manifest
+
+
+def _check_structures(structures: Mapping[str, Structure]) -> None:
+    """Raise `ValueError` unless every role is there, with members of known types."""
+    missing = [role for role in ROLES if role not in structures]
+    if missing:
+        raise ValueError(f"no structure {missing[0]}")
+    for structure in structures.values():
+        for member in structure.fields:
+            if member.type not in MEMBER_TYPES:
+                raise ValueError(f"{structure.name}.{member.name} has type {member.type}")

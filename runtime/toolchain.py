@@ -53,7 +53,7 @@ def host_target(toolchain: str = "auto") -> Target:
     if toolchain in ("auto", "gcc"):
         names = [os.environ.get("CC", ""), "gcc", "cc"] if toolchain == "auto" else ["gcc"]
         for name in names:
-            if name and shutil.which(name.split()[0]):
+            if name.strip() and shutil.which(name.split()[0]):
                 return Target("host", tuple(name.split()), flags, "=")
     if toolchain in ("auto", "zig") and importlib.util.find_spec("ziglang"):
         return Target("host", _zig(), (*flags, "-fno-sanitize=all"), "=")

@@ -62,7 +62,7 @@ def sdist(tmp_path_factory):
     archive = build("sdist", ROOT, folder)
     with tarfile.open(archive) as file:
         links = [m.name for m in file.getmembers() if not (m.isfile() or m.isdir())]
-        file.extractall(folder, filter="data")
+        file.extractall(folder)
     return SimpleNamespace(path=folder / archive.name.removesuffix(".tar.gz"), links=links)
 
 
