@@ -31,7 +31,7 @@ def test_an_array_of_another_type_is_refused_not_taken_for_the_right_one(host):
 def broken_copy(tmp_path, change):
     source = open_generated("pendubot").path
     folder = tmp_path / "pendubot"
-    shutil.copytree(source, folder)
+    shutil.copytree(source, folder, ignore=shutil.ignore_patterns("__pycache__"))
     change(folder)
     return folder
 
