@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint
-from pfaffian.derive.dimensions import unit_product
+from pfaffian.derive.dimensions import force_unit, unit_product
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.spec import ModelSpec, RobustLaw, symbol_of
 from pfaffian.runtime.errors import InputError
@@ -91,6 +91,7 @@ def define_dynamics(
 ) -> tuple[sp.Matrix, sp.Symbol, sp.Matrix]:
     """Define M, det M and the bias h = C q' + G; return (M, det M, h) in the names defined."""
     n = len(spec.coordinates)
+    units = [c.unit for c in spec.coordinates]
     raw = dynamics.coriolis_matrix * sp.Matrix(spec.velocities) + dynamics.gravity
     named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
     mass = sp.zeros(n, n)
@@ -100,13 +101,15 @@ def define_dynamics(
                 f"m{i + 1}{j + 1}",
                 dynamics.mass_matrix[i, j].xreplace(named),
                 "mass matrix, (1)",
-                "kg*m^2",
+                unit_product(("J*s^2", 1), (units[i], -1), (units[j], -1)),
             )
     # Expanded in the parameters: the products of entries cancel most of each other's digits.
     expanded = sp.expand(dynamics.mass_matrix.det()).xreplace(named)
     det = builder.define("det_m", expanded, "determinant of the mass matrix")
     names = [
-        builder.define(f"bias{i + 1}", raw[i].xreplace(named), "row of C q' + G, (1)", "N*m")
+        builder.define(
+            f"bias{i + 1}", raw[i].xreplace(named), "row of C q' + G, (1)", force_unit(units[i])
+        )
         for i in range(n)
     ]
     return mass, det, sp.Matrix(names)
@@ -145,8 +148,13 @@ def _define_shared(
     )[0]
     b = builder.define("b", -free_motion - drift, "right-hand side of A q'' = b, (7)", units.drift)
     demand = builder.define("demand", b + (ad * bias)[0], "b + A D (C q' + G)", units.drift)
-    speed = builder.define("speed", sp.sqrt(sum(v**2 for v in spec.velocities)), "|e'|", "rad/s")
-    distance = builder.define("distance", sp.sqrt(sum(e**2 for e in error_symbols)), "|e|", "rad")
+    # Pi adds unlike units where the coordinates have different ones, as (47) does in any case.
+    kinds = {c.unit for c in spec.coordinates}
+    motion = kinds.pop() if len(kinds) == 1 else ""
+    speed = builder.define(
+        "speed", sp.sqrt(sum(v**2 for v in spec.velocities)), "|e'|", motion and f"{motion}/s"
+    )
+    distance = builder.define("distance", sp.sqrt(sum(e**2 for e in error_symbols)), "|e|", motion)
     regressor = builder.define("regressor", (speed + 1) ** 2 + (distance + 1) ** 2, "Pi, (47)")
     return _Shared(s, drift, adb, demand, regressor)
 
@@ -336,7 +344,7 @@ def _define_torque(
         "adb_inverse",
         shared.adb / sp.Max(shared.adb**2, threshold**2),
         "1/ADB, and 0 where ADB = 0",
-        "N*m*s^2/rad",
+        unit_product((units.adb, -1)),
     )
     p1 = define("p1", inverse * shared.demand, "(17)", units.force)
     scaled = define("bhat", shared.adb * beta, "(20)", units.scaled)

@@ -16,9 +16,10 @@ from pfaffian.derive.control import (
     take_measurement,
     take_parameters,
 )
-from pfaffian.derive.dimensions import dimension_of, unit_product
+from pfaffian.derive.dimensions import dimension_of, force_unit, unit_product
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
+from pfaffian.derive.linearisation import linearisation_blocks
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
@@ -76,6 +77,7 @@ def derive(spec: ModelSpec) -> Derivation:
             _energy(spec, dynamics),
             _input_gain(spec, dynamics, constraint),
             *_design_blocks(spec, dynamics, zeros),
+            *linearisation_blocks(spec, dynamics, constraint),
         ),
     )
 
@@ -125,7 +127,12 @@ def _acceleration(spec: ModelSpec, dynamics: Dynamics) -> Block:
     applied = dynamics.input_matrix * torques - bias - dynamics.uncertain_force
     forces = sp.Matrix(
         [
-            builder.define(f"force{i + 1}", applied[i], "row of B tau - C q' - G - F", "N*m")
+            builder.define(
+                f"force{i + 1}",
+                applied[i],
+                "row of B tau - C q' - G - F",
+                force_unit(spec.coordinates[i].unit),
+            )
             for i in range(len(spec.coordinates))
         ]
     )
@@ -212,7 +219,9 @@ def _rest_force(spec: ModelSpec, dynamics: Dynamics) -> Block:
     b = dynamics.input_matrix
     left = (sp.eye(b.rows) - b * (b.T * b).inv() * b.T) * dynamics.gravity
     for i, entry in enumerate(left.subs(at_rest)):
-        builder.give(f"rest_force{i + 1}", entry, "N*m", f"row {i + 1}")
+        builder.give(
+            f"rest_force{i + 1}", entry, force_unit(spec.coordinates[i].unit), f"row {i + 1}"
+        )
     return builder.build()
 
 

@@ -11,6 +11,13 @@ from pfaffian.runtime.quantity import unit_registry
 
 #: Names in the order a person writes them, for units that pint reduced to base units.
 _SHORT = (("kilogram", "kg"), ("meter", "m"), ("second", "s"))
+#: Units with a name of their own, by their exponents of kg, m and s.
+_NAMED = (("N*m", (1, 2, -2)), ("N", (1, 1, -2)))
+
+
+def force_unit(coordinate_unit: str) -> str:
+    """Return the unit of the generalised force of a coordinate: J over the coordinate's unit."""
+    return unit_product(("J", 1), (coordinate_unit, -1))
 
 
 def unit_product(*factors: tuple[str, int]) -> str:
@@ -24,6 +31,9 @@ def unit_product(*factors: tuple[str, int]) -> str:
         total = total * registry.Quantity(1, registry.parse_units(unit)) ** power
     base = dict(total.to_base_units().unit_items())
     exponents = {short: round(base.get(name, 0)) for name, short in _SHORT}
+    for name, parts in _NAMED:
+        if exponents == dict(zip(("kg", "m", "s"), parts, strict=True)):
+            return name
     above = [_power(s, e) for s, e in exponents.items() if e > 0]
     below = [_power(s, -e) for s, e in exponents.items() if e < 0]
     if not below:

@@ -37,13 +37,15 @@ class ParameterSet:
         return hashlib.sha256(json.dumps(exact).encode()).hexdigest()
 
 
-def resolve_set(model: LoweredModel, raw: RawSet) -> ParameterSet:
+def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> ParameterSet:
     """Complete `raw` with lumped, synthesised and default values, and judge it.
 
     Raises `InputError` for a missing parameter, a mass matrix that is not positive definite, a
-    setpoint that is no equilibrium or lies in the singular set, and unstable zero dynamics.
+    setpoint that is no equilibrium or lies in the singular set, and unstable zero dynamics; the
+    last two only where it is to `judge`, since `design` shows the figures of any gains.
     """
-    values = dict(raw.values)
+    defaults = {p.name: p.default for p in model.parameters if p.default is not None}
+    values = defaults | dict(raw.values)
     _complete_plant(model, raw, values)
     _require(model, raw, values, ("plant", "gain", "target"))
     _check_mass_matrix(model, raw, values)
@@ -54,11 +56,9 @@ def resolve_set(model: LoweredModel, raw: RawSet) -> ParameterSet:
             if parameter.group == "synthesised":
                 parameter.check(values[parameter.name], f"{raw.path}: gains.{POLES_KEY}")
     _require(model, raw, values, ("synthesised",))
-    _check_zero_dynamics(model, raw, values)
-    _check_setpoint_gain(model, raw, values)
-    for parameter in model.parameters:
-        if parameter.default is not None:
-            values.setdefault(parameter.name, parameter.default)
+    if judge:
+        _check_zero_dynamics(model, raw, values)
+        _check_setpoint_gain(model, raw, values)
     ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
     return ParameterSet(raw.name, raw.title, raw.source, ordered)
 
@@ -213,15 +213,7 @@ def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, 
     coefficients = zero_polynomial(model, values)
     if is_hurwitz(coefficients):
         return
-    violated = []
-    if model.has_program("stability"):
-        program = model.program("stability")
-        margins = evaluate(program, values).values()
-        violated = [
-            f"{signal.description} (off by {-margin:.4g})"
-            for signal, margin in zip(program.outputs, margins, strict=True)
-            if not margin > 0.0
-        ]
+    violated = violated_bounds(model, values)
     poles = ", ".join(f"{r:.4g}" for r in roots_of(coefficients)) if coefficients[0] else "none"
     gains = [p.name for p in model.parameters if p.group == "synthesised"]
     given = ", ".join(f"{g} = {values[g]:.6g}" for g in gains)
@@ -230,6 +222,19 @@ def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, 
         + (f"; violated: {'; '.join(violated)}" if violated else ""),
         remedy=_proposal(model, values),
     )
+
+
+def violated_bounds(model: LoweredModel, values: Mapping[str, float]) -> list[str]:
+    """Return the closed-form stability conditions that do not hold, and by how much."""
+    if not model.has_program("stability"):
+        return []
+    program = model.program("stability")
+    margins = evaluate(program, values).values()
+    return [
+        f"{signal.description} (off by {-margin:.4g})"
+        for signal, margin in zip(program.outputs, margins, strict=True)
+        if not margin > 0.0
+    ]
 
 
 def _proposal(model: LoweredModel, values: Mapping[str, float]) -> str:

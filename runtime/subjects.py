@@ -42,10 +42,11 @@ class MachineSubject:
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
         self.model.step(state, params, self._filled("input", values, count), output, status)
         codes = self.model.folder.manifest.status
+        actuator = self.model.folder.manifest.actuators[0]
         return {
             **_columns(output),
             **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": (np.abs(output["tau"]) >= params["torque_limit"]).astype(float),
+            "saturated": (np.abs(output[actuator]) >= params["torque_limit"]).astype(float),
             "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
         }
 
@@ -99,14 +100,14 @@ class PythonSubject:
         return kind(**{n: known.get(n, 0.0) for n in structure.names()})
 
     def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
-        params = self._filled("params", values)
+        params, actuator = self._filled("params", values), self._folder.manifest.actuators[0]
         state, output, status = self._module.step(
             self._filled("state", values), params, self._filled("input", values)
         )
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},
-            "saturated": np.abs(output.tau) >= params.torque_limit,
+            "saturated": np.abs(getattr(output, actuator)) >= params.torque_limit,
             "near_singular": status == self._module.NEAR_SINGULAR,
         }
 

@@ -43,7 +43,12 @@ def structures_of(model: LoweredModel) -> dict[str, Structure]:
     prepared = {s.name: s for s in prepare.outputs if s.group == "prepared"}
     state = [prepared.get(s.name, s) for s in _group(step, "state", "prepared")]
     outputs = [s for s in step.outputs if s.group == "output"]
-    motion = _fields(_group(acceleration, "input"))
+    # Every coordinate, also one on which nothing but its own integral depends (a cart's position).
+    motion = tuple(
+        Field(c.name, "double", c.unit, c.description) for c in model.coordinates
+    ) + tuple(
+        Field(f"d{c.name}", "double", f"{c.unit}/s", f"rate of {c.name}") for c in model.coordinates
+    )
     roles = {
         "params": parameters(step, prepare, continuous),
         "input": motion,
@@ -53,7 +58,9 @@ def structures_of(model: LoweredModel) -> dict[str, Structure]:
         "continuous_output": _fields(list(continuous.outputs)),
         "plant_params": parameters(acceleration, model.program("energy")),
         "plant_state": motion,
-        "plant_input": _fields(_group(acceleration, "torque")),
+        "plant_input": tuple(
+            Field(a.name, "double", a.unit, a.description) for a in model.actuators
+        ),
         "plant_rate": _fields(list(acceleration.outputs)),
     }
     return {role: Structure(f"{model.name}_{role}_t", fields) for role, fields in roles.items()}

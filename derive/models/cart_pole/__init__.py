@@ -1,0 +1,1 @@
+"""The cart-pole: a force on a cart balances a pole hinged to it."""
