@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 
 import sympy as sp
-
 from pfaffian.derive.dimensions import force_unit, unit_product
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.spec import (
@@ -110,7 +109,7 @@ class ModelBuilder:
                 leakage_rate=p.k2,
                 initial_bound=p.bound_initial,
                 sample_time=p.sample_time,
-                torque_limit=p.torque_limit,
+                limits=(p.torque_limit,),
                 singular_threshold=p.singular_threshold,
             ),
             stability=stability,
@@ -245,7 +244,7 @@ class ModelBuilder:
         return ServoConstraint(
             residual=Matrix([residual]),
             residual_symbols=(s,),
-            residual_unit=self._residual_unit(),
+            residual_units=(self._residual_unit(),),
             drift=Matrix([p.sigma * s + 2 * p.eta / sp.pi * sp.atan(s)]),
             errors=Matrix(errors),
             setpoint=tuple(getattr(p, f"{c.name}d") for c in self._coordinates),

@@ -7,19 +7,20 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint, servo_constraint
-from pfaffian.derive.control import (
-    continuous_law,
+from pfaffian.derive.continuous_law import continuous_law
+from pfaffian.derive.control_terms import (
+    LawUnits,
     define_dynamics,
     define_trigonometry,
-    prepared_values,
-    sampled_law,
     take_measurement,
     take_parameters,
 )
-from pfaffian.derive.dimensions import dimension_of, force_unit, unit_product
+from pfaffian.derive.dimensions import dimension_of, force_unit
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
 from pfaffian.derive.linearisation import linearisation_blocks
+from pfaffian.derive.normal_form import trigonometric_sum
+from pfaffian.derive.sampled_law import prepared_values, sampled_law
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
@@ -37,7 +38,10 @@ class Decomposition:
 
 @dataclass(frozen=True)
 class Derivation:
-    """All that follows from a specification, in SymPy; `blocks` are what is lowered."""
+    """All that follows from a specification, in SymPy; `blocks` are what is lowered.
+
+    `input_gain` is ADB, or its determinant where there are several actuators.
+    """
 
     spec: ModelSpec
     dynamics: Dynamics
@@ -60,7 +64,8 @@ def derive(spec: ModelSpec) -> Derivation:
     constraint = servo_constraint(spec)
     zeros = zero_dynamics(spec, dynamics, constraint)
     ad = constraint.jacobian * dynamics.mass_matrix.adjugate()
-    input_gain = sp.factor((ad * dynamics.input_matrix)[0]) / sp.expand(dynamics.mass_matrix.det())
+    scaled, det = ad * dynamics.input_matrix, sp.expand(dynamics.mass_matrix.det())
+    input_gain = sp.factor(trigonometric_sum(scaled.det())) / det**scaled.rows
     return Derivation(
         spec=spec,
         dynamics=dynamics,
@@ -159,9 +164,11 @@ def _input_gain(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant", "synthesised")
     mass, det, _ = define_dynamics(builder, spec, dynamics)
-    adb = (constraint.jacobian * mass.adjugate() * dynamics.input_matrix)[0] / det
-    unit = unit_product((spec.constraint.residual_unit, 1), ("s", -1), (spec.actuators[0].unit, -1))
-    builder.give("adb", adb, unit, "input gain of the constraint, (10)")
+    scaled = constraint.jacobian * mass.adjugate() * dynamics.input_matrix
+    units, single = LawUnits(spec), scaled.rows == 1
+    adb = scaled[0] / det if single else scaled.det() / det**scaled.rows
+    text = "input gain of the constraint, (10)" if single else "determinant of ADB, (10)"
+    builder.give("adb", adb, units.adb if single else units.adb_det, text)
     return builder.build()
 
 

@@ -48,6 +48,7 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         tools=dict(model.tools),
         coordinates=tuple(c.name for c in model.coordinates),
         actuators=tuple(a.name for a in model.actuators),
+        limits=model.limits,
         status=STATUS,
         structures=structures_of(model),
         parameters=tuple(Field(p.name, "double", p.unit, p.description) for p in model.parameters),

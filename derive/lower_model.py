@@ -28,6 +28,7 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
         ),
         actuators=tuple(ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators),
         parameters=spec.parameters,
+        limits=tuple(limit.name for limit in spec.law.limits),
         programs=programs,
         documents=(
             ("derivation.md", derivation_markdown(derivation)),

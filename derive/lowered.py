@@ -35,7 +35,8 @@ class ActuatorInterface:
 class LoweredModel:
     """Programs, declarations and readable documents of one model; `sha256` identifies it.
 
-    `elementary` holds the coefficients of the elementary functions, ready for their templates.
+    `limits` names the parameter that limits each actuator. `elementary` holds the coefficients of
+    the elementary functions, ready for their templates.
     """
 
     name: str
@@ -44,6 +45,7 @@ class LoweredModel:
     coordinates: tuple[CoordinateInterface, ...]
     actuators: tuple[ActuatorInterface, ...]
     parameters: tuple[Parameter, ...]
+    limits: tuple[str, ...]
     programs: tuple[Program, ...]
     documents: tuple[tuple[str, str], ...]
     tools: tuple[tuple[str, str], ...]
@@ -89,6 +91,7 @@ def lowered_from_json(text: str) -> LoweredModel:
         coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),
+        limits=tuple(d["limits"]),
         programs=tuple(program_from_json(p) for p in d["programs"]),
         documents=tuple((k, v) for k, v in d["documents"]),
         tools=tuple((k, v) for k, v in d["tools"]),

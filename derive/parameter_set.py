@@ -183,7 +183,11 @@ def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, fl
 
 def _check_equilibrium(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
     forces = evaluate(model.program("rest_force"), values)
-    scale = max(abs(values[p.name]) for p in model.parameters_of("rest_force"))
+    # What counts as zero: small against the same forces a radian or two (a metre or two) away.
+    points = [p.name for p in model.parameters_of("rest_force") if p.group == "gain"]
+    program = model.program("rest_force")
+    moved = [{n: values[n] + shift for n in points} for shift in (0.0, 1.0, 2.0)]
+    scale = max(abs(f) for at in moved for f in evaluate(program, {**values, **at}).values())
     for name, force in forces.items():
         if abs(force) > 1e-9 * scale:
             raise InputError(

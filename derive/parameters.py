@@ -74,7 +74,8 @@ class RawSet:
     poles: tuple[complex, ...] = ()
 
 
-def _parse_poles(raw: object, where: str) -> tuple[complex, ...]:
+def parse_poles(raw: object, where: str) -> tuple[complex, ...]:
+    """Return wanted poles from a list of numbers and strings; raise `InputError` for others."""
     remedy = 'give numbers or strings such as [-6, "-4+2j", "-4-2j"], complex ones in pairs'
     if not isinstance(raw, list) or not raw:
         raise InputError(f"{where}: must be a list of poles in 1/s", remedy=remedy)
@@ -225,4 +226,4 @@ def _own_values(
                 parse_quantity(raw, parameter.unit, where), where
             )
     poles = _table(document, "gains", path).get(POLES_KEY)
-    return values, _parse_poles(poles, f"{path}: gains.{POLES_KEY}") if poles is not None else ()
+    return values, parse_poles(poles, f"{path}: gains.{POLES_KEY}") if poles is not None else ()

@@ -57,7 +57,7 @@ class ServoConstraint:
 
     residual: sp.Matrix
     residual_symbols: tuple[sp.Symbol, ...]
-    residual_unit: str
+    residual_units: tuple[str, ...]
     drift: sp.Matrix
     errors: sp.Matrix
     setpoint: tuple[sp.Expr, ...]
@@ -73,7 +73,7 @@ class RobustLaw:
     leakage_rate: sp.Symbol
     initial_bound: sp.Symbol
     sample_time: sp.Symbol
-    torque_limit: sp.Symbol
+    limits: tuple[sp.Symbol, ...]
     singular_threshold: sp.Symbol
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
+from pfaffian.derive.linearisation import linearise
 from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
 from pfaffian.runtime.errors import InputError
 
@@ -32,17 +33,13 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     The zeros of the output s are the roots p of det [[M p^2 + D p + K, -B], [S1 p + S0, 0]], with
     K = dG/dq, D = dF/dq' and S1, S0 = ds/dq', ds/dq at the setpoint at rest.
     """
-    q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
-    at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
-    at_rest |= dict.fromkeys(spec.velocities, sp.S.Zero)
-    stiffness = dynamics.gravity.jacobian(q)
-    damping = dynamics.uncertain_force.jacobian(dq)
-    plant = dynamics.mass_matrix * POLE**2 + damping * POLE + stiffness
-    row = constraint.residual.jacobian(dq) * POLE + constraint.residual.jacobian(q)
+    linear = linearise(spec, dynamics, constraint)
+    plant = linear.mass * POLE**2 + linear.damping * POLE + linear.stiffness
+    row = linear.rate_row * POLE + linear.position_row
     m = len(spec.actuators)
     pencil = sp.Matrix(
-        sp.BlockMatrix([[Matrix(plant), -dynamics.input_matrix], [Matrix(row), sp.zeros(m, m)]])
-    ).subs(at_rest)
+        sp.BlockMatrix([[Matrix(plant), -linear.input], [Matrix(row), sp.zeros(m, m)]])
+    )
     polynomial = sp.Poly(sp.expand(pencil.det()), POLE)
     if polynomial.is_zero:
         raise InputError(
@@ -59,6 +56,8 @@ def _synthesise(
 ) -> tuple[tuple[sp.Symbol, sp.Expr], ...]:
     """Solve for the gains that give the wanted polynomial on the frictionless plant."""
     gains = [symbol_of(p) for p in spec.parameters_in("synthesised")]
+    if len(spec.actuators) > 1:
+        return ()  # one polynomial does not determine the gains of several constraints
     still = {symbol_of(p): 0 for p in spec.parameters_in("uncertainty")}
     lead = coefficients[0].subs(still)
     equations = [c.subs(still) - lead * w for c, w in zip(coefficients[1:], wanted, strict=True)]

@@ -133,9 +133,7 @@ def _singular_event(loop: ContinuousLoop) -> Any:
     return event
 
 
-def record(
-    loop: ContinuousLoop, times: Array, states: Array, ended: str = ""
-) -> ContinuousFlight:
+def record(loop: ContinuousLoop, times: Array, states: Array, ended: str = "") -> ContinuousFlight:
     """Return all signals of `loop` in `states`, shape (N, 2 n + 2), at `times` (N,)."""
     n = len(loop.names)
     signals = np.empty((len(times), 4))

@@ -64,6 +64,7 @@ class Manifest:
     tools: Mapping[str, str]
     coordinates: tuple[str, ...]
     actuators: tuple[str, ...]
+    limits: tuple[str, ...]
     status: tuple[str, ...]
     structures: Mapping[str, Structure]
     parameters: tuple[Field, ...]
@@ -91,7 +92,7 @@ def read_manifest(folder: Path) -> Manifest:
             for key, s in document.pop("structures").items()
         }
         document["parameters"] = tuple(Field(**f) for f in document["parameters"])
-        for key in ("coordinates", "actuators", "status"):
+        for key in ("coordinates", "actuators", "limits", "status"):
             document[key] = tuple(document[key])
         manifest = Manifest(structures=structures, **document)
         _check_structures(structures)

@@ -16,6 +16,11 @@ def _defaults(folder: GeneratedFolder) -> dict[str, float]:
     return dict(next(iter(folder.manifest.parameter_sets.values())))
 
 
+def _limits(folder: GeneratedFolder) -> list[tuple[str, str]]:
+    """Return each actuator with the parameter that limits it."""
+    return list(zip(folder.manifest.actuators, folder.manifest.limits, strict=True))
+
+
 class MachineSubject:
     """The C functions on a machine."""
 
@@ -42,11 +47,12 @@ class MachineSubject:
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
         self.model.step(state, params, self._filled("input", values, count), output, status)
         codes = self.model.folder.manifest.status
-        actuator = self.model.folder.manifest.actuators[0]
         return {
             **_columns(output),
             **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": (np.abs(output[actuator]) >= params["torque_limit"]).astype(float),
+            "saturated": np.any(
+                [np.abs(output[a]) >= params[p] for a, p in _limits(self.model.folder)], axis=0
+            ).astype(float),
             "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
         }
 
@@ -100,14 +106,20 @@ class PythonSubject:
         return kind(**{n: known.get(n, 0.0) for n in structure.names()})
 
     def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
-        params, actuator = self._filled("params", values), self._folder.manifest.actuators[0]
+        params = self._filled("params", values)
         state, output, status = self._module.step(
             self._filled("state", values), params, self._filled("input", values)
         )
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},
-            "saturated": np.abs(getattr(output, actuator)) >= params.torque_limit,
+            "saturated": np.any(
+                [
+                    np.abs(getattr(output, a)) >= getattr(params, p)
+                    for a, p in _limits(self._folder)
+                ],
+                axis=0,
+            ),
             "near_singular": status == self._module.NEAR_SINGULAR,
         }
 

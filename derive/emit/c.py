@@ -172,6 +172,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "parameter_bounds": _bounds(model, structures["params"]),
         "domain": _domain(model),
         "actuators": [a.name for a in model.actuators],
+        "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": [

@@ -104,6 +104,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         ],
         "state_names": structures["state"].names(),
         "output_names": structures["output"].names(),
+        "limits": model.limits,
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "step": _body(step, controller),
         "prepare": _body(model.program("prepare"), controller),

@@ -69,7 +69,8 @@ class Condition:
             if step.name not in gradient:
                 continue
             for need, partial in zip(step.needs, partials, strict=True):
-                share = gradient[step.name] * partial
+                # What does not move the output must not spoil it where its own slope is infinite.
+                share = np.where(gradient[step.name] == 0.0, 0.0, gradient[step.name] * partial)
                 gradient[need] = gradient[need] + share if need in gradient else share
         return gradient
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sympy as sp
-
 from pfaffian.derive.authoring import ModelBuilder
 from pfaffian.derive.spec import ModelSpec
 

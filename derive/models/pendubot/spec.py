@@ -184,7 +184,7 @@ def model() -> ModelSpec:
         constraint=ServoConstraint(
             residual=Matrix([p.lam * (dq1 + p.lam1 * e1) + (dq2 + p.lam2 * e2)]),
             residual_symbols=(s,),
-            residual_unit="rad/s",
+            residual_units=("rad/s",),
             drift=Matrix([p.sigma * s + 2 * p.eta / sp.pi * sp.atan(s)]),
             errors=Matrix([e1, e2]),
             setpoint=(p.q1d, p.q2d),
@@ -196,7 +196,7 @@ def model() -> ModelSpec:
             leakage_rate=p.k2,
             initial_bound=p.bound_initial,
             sample_time=p.sample_time,
-            torque_limit=p.torque_limit,
+            limits=(p.torque_limit,),
             singular_threshold=p.singular_threshold,
         ),
         lumping=(

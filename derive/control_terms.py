@@ -1,0 +1,267 @@
+"""What both control laws compute in the same way: dynamics, s, drift, ADB, the demand and Pi.
+
+Everything is a vector over the m servo-constraints and actuators. With one of each the names carry
+no number: `s`, `beta`, `adb`; with more they do: `s1`, `beta2`, `adb12`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import sympy as sp
+from pfaffian.derive.block import BlockBuilder
+from pfaffian.derive.constraint import Constraint
+from pfaffian.derive.dimensions import force_unit, unit_product
+from pfaffian.derive.lagrange import Dynamics
+from pfaffian.derive.spec import ModelSpec, symbol_of
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Symbols of what both laws use: s, drift, demand (m,), ADB (m, m), its determinant, Pi."""
+
+    s: tuple[sp.Symbol, ...]
+    drift: tuple[sp.Symbol, ...]
+    demand: tuple[sp.Symbol, ...]
+    adb: sp.Matrix
+    adb_det: sp.Symbol
+    regressor: sp.Symbol
+
+
+class LawUnits:
+    """Units of the law's signals, from those of the residuals and the actuators.
+
+    The quantities that run over all constraints (bhat, ahat, mu) take the unit of the first.
+    """
+
+    def __init__(self, spec: ModelSpec) -> None:
+        """Work the units out for `spec`."""
+        self.forces = tuple(a.unit for a in spec.actuators)
+        self.residuals = spec.constraint.residual_units
+        self.force, self.residual = self.forces[0], self.residuals[0]
+        self.drifts = tuple(unit_product((u, 1), ("s", -1)) for u in self.residuals)
+        self.adb = self.gain(0, 0)
+        self.scaled = unit_product((self.adb, 1), (self.residual, 1))
+        self.adb_det = unit_product(*((self.gain(i, i), 1) for i in range(len(self.forces))))
+
+    def gain(self, row: int, column: int) -> str:
+        """Return the unit of an entry of ADB."""
+        return unit_product((self.residuals[row], 1), ("s", -1), (self.forces[column], -1))
+
+
+def numbered(base: str, count: int) -> tuple[str, ...]:
+    """Return `base` alone for one, `base1`, `base2`, ... for more."""
+    return (base,) if count == 1 else tuple(f"{base}{k + 1}" for k in range(count))
+
+
+def real(name: str) -> sp.Symbol:
+    """Return a real symbol."""
+    return sp.Symbol(name, real=True)
+
+
+def take_measurement(builder: BlockBuilder, spec: ModelSpec) -> None:
+    """Declare q and q' as inputs."""
+    for c in spec.coordinates:
+        builder.take(c.position, c.unit, c.description, "input")
+    for c in spec.coordinates:
+        builder.take(c.velocity, f"{c.unit}/s", f"rate of {c.name}", "input")
+
+
+def take_parameters(builder: BlockBuilder, spec: ModelSpec, *groups: str) -> None:
+    """Declare the parameters of `groups` as inputs."""
+    for p in spec.parameters_in(*groups):
+        builder.take(symbol_of(p), p.unit, p.description, "parameter")
+
+
+def define_trigonometry(
+    builder: BlockBuilder, expressions: Iterable[sp.Basic]
+) -> dict[sp.Basic, sp.Symbol]:
+    """Define every sine and cosine in `expressions`, and their arguments where those are sums.
+
+    Returns the mapping to substitute. Named values are rounded once and used often.
+    """
+    found = sorted(
+        set().union(*(e.atoms(sp.sin, sp.cos) for e in expressions)), key=sp.default_sort_key
+    )
+    known: dict[sp.Basic, sp.Symbol] = {}
+    for function in found:
+        argument = function.args[0]
+        if argument not in known and not argument.is_Symbol:
+            words = "_plus_".join(sorted(s.name for s in argument.free_symbols))
+            plain = argument == sum(argument.free_symbols)
+            name = words if plain else f"angle{len(known) + 1}"
+            known[argument] = builder.define(name, argument, "angle", "rad")
+        angle = known.get(argument, argument)
+        known[function] = builder.define(
+            f"{function.func.__name__}_{angle.name}", function.func(angle), ""
+        )
+    return known
+
+
+def define_dynamics(
+    builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics
+) -> tuple[sp.Matrix, sp.Symbol, sp.Matrix]:
+    """Define M, det M and the bias h = C q' + G; return (M, det M, h) in the names defined."""
+    n = len(spec.coordinates)
+    units = [c.unit for c in spec.coordinates]
+    raw = dynamics.coriolis_matrix * sp.Matrix(spec.velocities) + dynamics.gravity
+    named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
+    mass = sp.zeros(n, n)
+    for i in range(n):
+        for j in range(i, n):
+            mass[i, j] = mass[j, i] = builder.define(
+                f"m{i + 1}{j + 1}",
+                dynamics.mass_matrix[i, j].xreplace(named),
+                "mass matrix, (1)",
+                unit_product(("J*s^2", 1), (units[i], -1), (units[j], -1)),
+            )
+    # Expanded in the parameters: the products of entries cancel most of each other's digits.
+    expanded = sp.expand(dynamics.mass_matrix.det()).xreplace(named)
+    det = builder.define("det_m", expanded, "determinant of the mass matrix")
+    names = [
+        builder.define(
+            f"bias{i + 1}", raw[i].xreplace(named), "row of C q' + G, (1)", force_unit(units[i])
+        )
+        for i in range(n)
+    ]
+    return mass, det, sp.Matrix(names)
+
+
+def define_shared(
+    builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics, constraint: Constraint
+) -> Shared:
+    """Define s, drift, ADB, the demand b + AD(C q' + G) and the regressor Pi of (47)."""
+    units, m = LawUnits(spec), len(spec.actuators)
+    errors = [
+        builder.define(f"e{i + 1}", e, "error, (4)", spec.coordinates[i].unit)
+        for i, e in enumerate(spec.constraint.errors)
+    ]
+    named = dict(zip(spec.constraint.errors, errors, strict=True))
+    s, drift = _define_residuals(builder, spec, constraint, named)
+    mass, det, bias = define_dynamics(builder, spec, dynamics)
+    rows = constraint.jacobian * mass.adjugate() / det
+    ad = sp.Matrix(
+        [
+            [
+                builder.define(
+                    f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}",
+                    rows[r, i],
+                    "entry of A D, D = M^-1",
+                    unit_product(
+                        (units.residuals[r], 1),
+                        ("s", -1),
+                        (force_unit(spec.coordinates[i].unit), -1),
+                    ),
+                )
+                for i in range(len(spec.coordinates))
+            ]
+            for r in range(m)
+        ]
+    )
+    adb, adb_det = _define_input_gain(builder, dynamics, ad, units)
+    free_motion = constraint.residual.jacobian(sp.Matrix(spec.positions)) * sp.Matrix(
+        spec.velocities
+    )
+    demand = []
+    for r, (b, d) in enumerate(zip(numbered("b", m), numbered("demand", m), strict=True)):
+        right = builder.define(
+            b, -free_motion[r] - drift[r], "right-hand side of A q'' = b, (7)", units.drifts[r]
+        )
+        demand.append(
+            builder.define(d, right + (ad[r, :] * bias)[0], "b + A D (C q' + G)", units.drifts[r])
+        )
+    regressor = _define_regressor(builder, spec, errors)
+    return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
+
+
+def _define_residuals(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    constraint: Constraint,
+    named: dict[sp.Basic, sp.Symbol],
+) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
+    """Define s and drift(s) = sigma s + (2 eta/pi) arctan s, both (m,)."""
+    units, m = LawUnits(spec), len(spec.actuators)
+    s = tuple(
+        builder.define(name, row.xreplace(named), "(3)", unit)
+        for name, row, unit in zip(
+            numbered("s", m), constraint.residual, units.residuals, strict=True
+        )
+    )
+    given = dict(zip(spec.constraint.residual_symbols, s, strict=True))
+    drift = tuple(
+        builder.define(name, row.subs(given), "sigma s + (2 eta/pi) arctan s, (2)", unit)
+        for name, row, unit in zip(
+            numbered("drift", m), spec.constraint.drift, units.drifts, strict=True
+        )
+    )
+    return s, drift
+
+
+def _define_input_gain(
+    builder: BlockBuilder, dynamics: Dynamics, ad: sp.Matrix, units: LawUnits
+) -> tuple[sp.Matrix, sp.Symbol]:
+    """Define ADB and its determinant; with one actuator they are the same value."""
+    product = ad * dynamics.input_matrix
+    m = product.rows
+    if m == 1:
+        adb = builder.define("adb", product[0], "(10)", units.adb)
+        return sp.Matrix([[adb]]), adb
+    named = define_trigonometry(builder, list(dynamics.input_matrix))
+    gain = sp.Matrix(
+        m,
+        m,
+        lambda r, c: builder.define(
+            f"adb{r + 1}{c + 1}", product[r, c].xreplace(named), "(10)", units.gain(r, c)
+        ),
+    )
+    return gain, builder.define("adb", gain.det(), "determinant of ADB, (10)", units.adb_det)
+
+
+def _define_regressor(builder: BlockBuilder, spec: ModelSpec, errors: list[sp.Symbol]) -> sp.Symbol:
+    """Define Pi = (|e'| + 1)^2 + (|e| + 1)^2.
+
+    It adds unlike units where the coordinates have different ones, as (47) does in any case.
+    """
+    kinds = {c.unit for c in spec.coordinates}
+    motion = kinds.pop() if len(kinds) == 1 else ""
+    speed = builder.define(
+        "speed", sp.sqrt(sum(v**2 for v in spec.velocities)), "|e'|", motion and f"{motion}/s"
+    )
+    distance = builder.define("distance", sp.sqrt(sum(e**2 for e in errors)), "|e|", motion)
+    return builder.define("regressor", (speed + 1) ** 2 + (distance + 1) ** 2, "Pi, (47)")
+
+
+def give_parts(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    shared: Shared,
+    beta: tuple[sp.Symbol, ...],
+    parts: tuple[tuple[sp.Symbol, ...], ...],
+) -> None:
+    """Let p1, p2, p3, s, beta and ADB leave, for logs and plots."""
+    units = LawUnits(spec)
+    texts = ("nominal part, (17)", "initial deviation part, (18)", "robust part, (19)")
+    for part, text in zip(parts, texts, strict=True):
+        for symbol, unit in zip(part, units.forces, strict=True):
+            builder.give(symbol.name, symbol, unit, text)
+    for symbol, unit in zip(shared.s, units.residuals, strict=True):
+        builder.give(symbol.name, symbol, unit, "residual s, (3)")
+    for symbol, unit in zip(beta, units.residuals, strict=True):
+        builder.give(symbol.name, symbol, unit, "constraint-following error, (21)")
+    single = len(units.forces) == 1
+    what = "input gain of the constraint, (10)" if single else "determinant of ADB, (10)"
+    builder.give("adb", shared.adb_det, units.adb if single else units.adb_det, what)
+
+
+def per_actuator(base: str, spec: ModelSpec) -> tuple[str, ...]:
+    """Return `base` alone for one actuator, `base_thrust`, `base_moment`, ... for more."""
+    if len(spec.actuators) == 1:
+        return (base,)
+    return tuple(f"{base}_{a.name}" for a in spec.actuators)
+
+
+def norm(vector: tuple[sp.Symbol, ...]) -> sp.Expr:
+    """Return |vector|; the absolute value where it has one entry."""
+    return sp.Abs(vector[0]) if len(vector) == 1 else sp.sqrt(sum(v**2 for v in vector))

@@ -1,0 +1,321 @@
+"""The sampled law: the continuous one discretised implicitly, what the target runs.
+
+Held for a period T, the law as printed diverges as soon as T kappa (ADB)^2 exceeds 2; the implicit
+one never does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+from pfaffian.derive.block import Block, BlockBuilder
+from pfaffian.derive.constraint import Constraint
+from pfaffian.derive.control_terms import (
+    LawUnits,
+    Shared,
+    define_shared,
+    give_parts,
+    norm,
+    numbered,
+    per_actuator,
+    real,
+    take_measurement,
+    take_parameters,
+)
+from pfaffian.derive.dimensions import unit_product
+from pfaffian.derive.lagrange import Dynamics
+from pfaffian.derive.spec import ModelSpec
+from sympy.codegen.cfunctions import expm1
+
+#: Keeps the direction of bhat defined where bhat is zero; far below any value that matters.
+_NO_LENGTH = sp.Rational(1, 2**500)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Symbols of the controller's memory: offsets and drifts (m,), engaged, ahat, prepared."""
+
+    engaged: sp.Symbol
+    offsets: tuple[sp.Symbol, ...]
+    drifts: tuple[sp.Symbol, ...]
+    bound: sp.Symbol
+    decay: sp.Symbol
+    step: sp.Symbol
+
+
+@dataclass(frozen=True)
+class _Torque:
+    """p1, p2, p3 and their sum (m,), and |bhat| after the period."""
+
+    parts: tuple[tuple[sp.Symbol, ...], ...]
+    total: tuple[sp.Symbol, ...]
+    scaled_next: sp.Expr
+
+
+def prepared_values(spec: ModelSpec) -> Block:
+    """Return the values that depend on parameters alone: the exact leakage over one period."""
+    law, units = spec.law, LawUnits(spec)
+    builder = BlockBuilder("prepare", f"{spec.title}: values computed once from the parameters")
+    take_parameters(builder, spec, "gain", "target")
+    exponent = builder.define("exponent", -law.leakage_rate * law.sample_time, "-k2 T")
+    builder.give("leakage_decay", sp.exp(exponent), "", "e^(-k2 T)", "prepared")
+    builder.give(
+        "adaptation_step",
+        -law.adaptation_rate * expm1(exponent) / law.leakage_rate,
+        unit_product(
+            *(
+                (p.unit, 1)
+                for p in spec.parameters
+                if p.name in (law.adaptation_rate.name, law.sample_time.name)
+            )
+        ),
+        "k1 (1 - e^(-k2 T))/k2",
+        "prepared",
+    )
+    builder.give("bound_estimate", law.initial_bound, units.force, "ahat at the start", "state")
+    return builder.build()
+
+
+def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> Block:
+    """Return one period of the sampled law.
+
+    beta advances by backward Euler under p2 + p3. With N = (ADB)^T ADB, x = bhat at the end of the
+    period solves x + T N (kappa x + rho x/max(|x|, eps/rho)) = bhat, rho = ahat Pi. With one
+    actuator the left side is the smaller of two straight lines in |x|, hence a closed form. With
+    more, N is replaced by its trace: x then keeps the direction of bhat, the same closed form
+    holds, and beta still contracts, since no eigenvalue of N exceeds the trace. The leakage law is
+    solved exactly with x held, so that sampled and continuous law share their equilibria.
+    """
+    units, m = LawUnits(spec), len(spec.actuators)
+    builder = BlockBuilder("step", f"{spec.title}: sampled control law, one period")
+    take_measurement(builder, spec)
+    state = _take_state(builder, units, m)
+    take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "target")
+    shared = define_shared(builder, spec, dynamics, constraint)
+    moved = tuple(
+        builder.define(
+            name,
+            sp.Piecewise(
+                (offset + spec.law.sample_time * (before + drift) / 2, state.engaged > 0),
+                (-s, True),
+            ),
+            "captured at engagement, then the trapezoidal integral of drift, (6)",
+            unit,
+        )
+        for name, offset, before, drift, s, unit in zip(
+            numbered("offset", m),
+            state.offsets,
+            state.drifts,
+            shared.drift,
+            shared.s,
+            units.residuals,
+            strict=True,
+        )
+    )
+    beta = tuple(
+        builder.define(name, s + z, "(21)", unit)
+        for name, s, z, unit in zip(
+            numbered("beta", m), shared.s, moved, units.residuals, strict=True
+        )
+    )
+    torque = _define_torque(builder, spec, units, shared, beta, state.bound)
+    saturated = _give_torque(builder, spec, units, shared, beta, torque)
+    _give_state(builder, units, state, shared, moved, torque, saturated)
+    return builder.build()
+
+
+def _take_state(builder: BlockBuilder, units: LawUnits, m: int) -> _State:
+    take = builder.take
+    return _State(
+        take(real("engaged"), "", "1 once the law has been engaged", "state"),
+        tuple(
+            take(real(n), u, "beta - s, (21)", "state")
+            for n, u in zip(numbered("constraint_offset", m), units.residuals, strict=True)
+        ),
+        tuple(
+            take(real(n), u, "drift one period ago", "state")
+            for n, u in zip(numbered("drift_previous", m), units.drifts, strict=True)
+        ),
+        take(real("bound_estimate"), units.force, "ahat, (15)", "state"),
+        take(real("leakage_decay"), "", "e^(-k2 T)", "prepared"),
+        take(real("adaptation_step"), "", "k1 (1 - e^(-k2 T))/k2", "prepared"),
+    )
+
+
+def _define_torque(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    units: LawUnits,
+    shared: Shared,
+    beta: tuple[sp.Symbol, ...],
+    bound: sp.Symbol,
+) -> _Torque:
+    """Define p1 with the singularity guard, and p2, p3 by backward Euler on beta."""
+    define, law, m = builder.define, spec.law, len(spec.actuators)
+    threshold = law.singular_threshold
+    inverse = define(
+        "adb_inverse",
+        shared.adb_det / sp.Max(shared.adb_det**2, threshold**2),
+        "1/ADB, and 0 where ADB = 0" if m == 1 else "1/det ADB, and 0 where det ADB = 0",
+        unit_product((units.adb_det, -1)),
+    )
+    nominal = shared.adb.adjugate() * sp.Matrix(shared.demand)
+    p1 = tuple(
+        define(n, inverse * v, "(17)", u)
+        for n, v, u in zip(per_actuator("p1", spec), nominal, units.forces, strict=True)
+    )
+    scaled_value = shared.adb.T * sp.Matrix(beta)
+    scaled = tuple(
+        define(n, v, "(20)", units.scaled)
+        for n, v in zip(per_actuator("bhat", spec), scaled_value, strict=True)
+    )
+    effort = define("effort", bound * shared.regressor, "ahat Pi", units.force)
+    square = sum(entry**2 for entry in shared.adb)
+    rate = define("rate", law.sample_time * square, "T (ADB)^2" if m == 1 else "T tr(ADB^T ADB)")
+    layer = define("layer", effort**2 / law.epsilon, "slope of p3 in bhat inside its layer, (23)")
+    solve = _one_actuator if m == 1 else _several_actuators
+    p2, p3, after = solve(builder, spec, units, scaled, effort, rate, layer)
+    total = tuple(
+        define(n, sp.Add(*parts), "(16)", u)
+        for n, u, *parts in zip(per_actuator("torque", spec), units.forces, p1, p2, p3, strict=True)
+    )
+    return _Torque((p1, p2, p3), total, after)
+
+
+_Solved = tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...], sp.Expr]
+
+
+def _one_actuator(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    units: LawUnits,
+    scaled: tuple[sp.Symbol, ...],
+    effort: sp.Symbol,
+    rate: sp.Symbol,
+    layer: sp.Symbol,
+) -> _Solved:
+    """Solve the implicit step exactly; taking the maximum keeps the digits inside the layer."""
+    define, law, bhat = builder.define, spec.law, scaled[0]
+    inside = define(
+        "bhat_inside",
+        bhat / (1 + rate * (law.kappa + layer)),
+        "bhat after the period, inside the layer",
+        units.scaled,
+    )
+    outside = define(
+        "bhat_outside",
+        (sp.Abs(bhat) - rate * effort) / (1 + rate * law.kappa),
+        "|bhat| after the period, outside the layer",
+        units.scaled,
+    )
+    after = define(
+        "bhat_next",
+        sp.sign(bhat) * sp.Max(sp.Abs(inside), outside),
+        "bhat after the period",
+        units.scaled,
+    )
+    p2 = define("p2", -law.kappa * after, "(18)", units.force)
+    p3 = define("p3", -sp.Min(sp.Max(layer * inside, -effort), effort), "(19), (23)", units.force)
+    return (p2,), (p3,), sp.Abs(after)
+
+
+def _several_actuators(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    units: LawUnits,
+    scaled: tuple[sp.Symbol, ...],
+    effort: sp.Symbol,
+    rate: sp.Symbol,
+    layer: sp.Symbol,
+) -> _Solved:
+    """Solve the step along bhat: its length by the closed form, its direction kept."""
+    define, law = builder.define, spec.law
+    length = define("bhat_length", norm(scaled), "|bhat|", units.scaled)
+    inside = define(
+        "shrink_inside", 1 / (1 + rate * (law.kappa + layer)), "|x|/|bhat| in the layer"
+    )
+    guarded = define(
+        "bhat_length_guarded", sp.Max(length, _NO_LENGTH), "|bhat|, never zero", units.scaled
+    )
+    outside = define(
+        "shrink_outside",
+        (1 - rate * effort / guarded) / (1 + rate * law.kappa),
+        "|x|/|bhat| outside the layer",
+    )
+    shrink = define("shrink", sp.Max(inside, outside), "|x|/|bhat|")
+    pull = define("pull", sp.Min(layer * inside, effort / guarded), "|p3|/|bhat|")
+    p2 = tuple(
+        define(n, -law.kappa * shrink * x, "(18)", u)
+        for n, x, u in zip(per_actuator("p2", spec), scaled, units.forces, strict=True)
+    )
+    p3 = tuple(
+        define(n, -pull * x, "(19), (23)", u)
+        for n, x, u in zip(per_actuator("p3", spec), scaled, units.forces, strict=True)
+    )
+    return p2, p3, shrink * length
+
+
+def _give_torque(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    units: LawUnits,
+    shared: Shared,
+    beta: tuple[sp.Symbol, ...],
+    torque: _Torque,
+) -> sp.Basic:
+    """Let the saturated torques and the flags leave; return the condition of saturation."""
+    law, m = spec.law, len(spec.actuators)
+    for name, actuator, total, limit in zip(
+        per_actuator("command", spec), spec.actuators, torque.total, law.limits, strict=True
+    ):
+        command = builder.define(
+            name, sp.Min(sp.Max(total, -limit), limit), "saturated torque", actuator.unit
+        )
+        builder.give(actuator.name, command, actuator.unit, "torque, (16), within its limit")
+    beyond = [sp.Abs(t) > limit for t, limit in zip(torque.total, law.limits, strict=True)]
+    saturated = sp.Or(*beyond) if m > 1 else beyond[0]
+    give_parts(builder, spec, shared, beta, torque.parts)
+    builder.give(
+        "saturated", sp.Piecewise((1, saturated), (0, True)), "", "torque at its limit", "flag"
+    )
+    builder.give(
+        "near_singular",
+        sp.Piecewise((1, sp.Abs(shared.adb_det) < law.singular_threshold), (0, True)),
+        "",
+        "|ADB| below its least",
+        "flag",
+    )
+    return saturated
+
+
+def _give_state(
+    builder: BlockBuilder,
+    units: LawUnits,
+    state: _State,
+    shared: Shared,
+    moved: tuple[sp.Symbol, ...],
+    torque: _Torque,
+    saturated: sp.Basic,
+) -> None:
+    """Let the next state leave. While the torque saturates, integral and adaptation would wind up:
+    both are held.
+    """
+    m = len(moved)
+    for name, before, after, unit in zip(
+        numbered("constraint_offset", m), state.offsets, moved, units.residuals, strict=True
+    ):
+        held = sp.Piecewise((before, sp.And(saturated, state.engaged > 0)), (after, True))
+        builder.give(name, held, unit, "beta - s", "next_state")
+    for name, drift, unit in zip(
+        numbered("drift_previous", m), shared.drift, units.drifts, strict=True
+    ):
+        builder.give(name, drift, unit, "drift of this period", "next_state")
+    grown = state.decay * state.bound + state.step * shared.regressor * torque.scaled_next
+    builder.give(
+        "bound_estimate",
+        sp.Piecewise((state.bound, saturated), (grown, True)),
+        units.force,
+        "ahat, (15)",
+        "next_state",
+    )
