@@ -55,6 +55,56 @@ def derive(
 
 
 @app.command()
+def audit(
+    model: Model,
+    form: Annotated[str, typer.Option("--format", help="text or latex.")] = "text",
+    json: Json = False,
+) -> None:
+    """Check every numbered equation of the model's source: proved, differs or not checkable."""
+    from pfaffian.cli.audit import show_audit
+
+    show_audit(model, form, json)
+
+
+@app.command()
+def design(
+    model: Model,
+    set_name: SetName = None,
+    params: Params = None,
+    poles: Annotated[
+        str, typer.Option(help="Zero-dynamics poles in 1/s to choose gains for: -6,-4+2j,-4-2j.")
+    ] = "",
+    riccati: Annotated[
+        str, typer.Option(help="Weights Q1,..,Q2n[,R] of (q, q') to choose gains by B^T P.")
+    ] = "",
+    friction: Annotated[
+        str, typer.Option(help="What the plant has besides: joint2_viscous=0.001,...")
+    ] = "",
+    box: Annotated[
+        str, typer.Option(help="Intervals to find the worst poles in: theta3=5%,NAME=LOWER:UPPER.")
+    ] = "",
+    delay: Annotated[str, typer.Option(help='Loop delay to propose kappa for: "5 ms".')] = "",
+    curve: Annotated[
+        bool, typer.Option("--curve", help="Decay rate against distance to ADB = 0.")
+    ] = False,
+    compare: Annotated[str, typer.Option(help="Sets, or TOML files, to show beside it.")] = "",
+    written: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the gains as a set, *.toml.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the curve, *.svg.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    json: Json = False,
+) -> None:
+    """Choose gains by poles or weights, and show what they amount to: margins, trade-offs."""
+    from pfaffian.cli.design import DesignFiles, design_gains
+    from pfaffian.derive.design.study import Wishes
+
+    wishes = Wishes(poles, riccati, friction, box, delay, curve or plot is not None)
+    files = DesignFiles(set_name, params, compare, written, plot, force)
+    design_gains(model, wishes, files, json)
+
+
+@app.command()
 def generate(
     model: Model,
     set_name: SetName = None,
@@ -132,6 +182,29 @@ def pil(
 
 
 @app.command()
+def certify(
+    model: Model,
+    set_name: SetName = None,
+    params: Params = None,
+    scenario: Annotated[
+        str | None, typer.Option(help="Scenario's name or TOML file [the model's first].")
+    ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(help="q1=1:2,q2=0.6,rate=8: LOW:HIGH or a half-width, rad, rad/s."),
+    ] = None,
+    initial: Annotated[
+        str | None, typer.Option(help="q1=1,dq1=0.5: a start to fly from instead, rad, rad/s.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Put Theorem 1 into numbers over a region, beside a flight of the continuous law."""
+    from pfaffian.cli.certificate import certify_design
+
+    certify_design(model, scenario, set_name, params, region, initial, json)
+
+
+@app.command()
 def run(
     model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
     folder: Annotated[Path, typer.Option("-o", "--output", help="Where the report goes.")] = Path(
@@ -156,6 +229,17 @@ def bench_regenerate(
     from pfaffian.cli.bench import bench_regeneration
 
     bench_regeneration(model, runs, json)
+
+
+@bench_app.command("chain")
+def bench_chain(
+    links: Annotated[str, typer.Option(help="Numbers of links, separated by commas.")] = "2,4,6,8",
+    json: Json = False,
+) -> None:
+    """Derive the n-link chain with this package, SymPy's methods and CasADi, in one run."""
+    from pfaffian.cli.bench_chain import bench_chain as run_bench
+
+    run_bench(links, json)
 
 
 def main() -> None:

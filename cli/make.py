@@ -53,7 +53,8 @@ def generate_files(
         )
     clock.record("parameters", since)
     since = time.perf_counter()
-    generation = generate(Emission(model, sets))
+    with source.blamed():
+        generation = generate(Emission(model, sets))
     clock.record("emit", since)
     target = folder or Path("generated") / source.name
     if check:

@@ -79,6 +79,11 @@ class ModelBuilder:
         The weight w of the last coordinate is 1; the others and the rates r are the gains that
         wanted zero-dynamics poles determine: `weight_q`, `rate_q`. The setpoint of q is `qd`.
         """
+        if not self._actuators:
+            raise InputError(
+                f"model {self._name}: no actuator is declared",
+                remedy="declare it before build, with the coordinates it acts on",
+            )
         friction = [_friction(c) for c in self._coordinates]
         gains = self._gains()
         law = self._law(force_bound)
@@ -97,8 +102,8 @@ class ModelBuilder:
             coordinates=tuple(self._coordinates),
             actuators=tuple(self._actuators),
             parameters=parameters,
-            kinetic_energy=kinetic_energy,
-            potential_energy=potential_energy,
+            kinetic_energy=sp.sympify(kinetic_energy),
+            potential_energy=sp.sympify(potential_energy),
             input_matrix=Matrix(self._input_matrix),
             uncertain_force=Matrix([_force(p, c) for c in self._coordinates]),
             constraint=self._constraint(p),

@@ -94,17 +94,24 @@ def check_dimensions(spec: ModelSpec) -> None:
         units |= {c.name: c.unit, c.velocity.name: f"{c.unit}/s"}
     registry = unit_registry()
     wanted = [
-        ("kinetic energy", spec.kinetic_energy, "J"),
-        ("potential energy", spec.potential_energy, "J"),
+        ("kinetic energy", spec.kinetic_energy, "J", "kinetic_energy"),
+        ("potential energy", spec.potential_energy, "J", "potential_energy"),
     ]
-    wanted += [(s.name, combination, units[s.name]) for s, combination in spec.lumping]
-    for what, expression, unit in wanted:
+    wanted += [(s.name, combination, units[s.name], s.name) for s, combination in spec.lumping]
+    for what, expression, unit, field in wanted:
         where = f"model {spec.name}: {what}"
-        have = dimension_of(expression, units, where)
+        if expression == 0:
+            continue  # nothing at all is an energy too
+        try:
+            have = dimension_of(expression, units, where)
+        except InputError as error:
+            error.about = f"{error.about} {field}"
+            raise
         if have != registry.parse_units(unit).dimensionality:
             raise InputError(
                 f"{where} has dimension {have}, but {unit} is needed",
                 remedy="mend the unit of one of its symbols",
+                about=field,
             )
 
 

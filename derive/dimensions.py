@@ -61,6 +61,7 @@ def dimension_of(expression: sp.Basic, units: Mapping[str, str], where: str) -> 
             raise InputError(
                 f"{where}: symbol {expression.name} has no unit",
                 remedy="declare it as a parameter or coordinate with its unit",
+                about=expression.name,
             )
         return registry.parse_units(units[expression.name]).dimensionality
     parts = [dimension_of(a, units, where) for a in expression.args]

@@ -43,10 +43,12 @@ def prove_identities(
     ad = constraint.jacobian * mass.adjugate() / mass.det()
     adb = ad * dynamics.input_matrix
     force = sp.Matrix(sp.symbols(f"f1:{len(q) + 1}", real=True))
-    matched = adb.inv() * ad * force
+    # Not adb.inv(): its search for a pivot that is not zero costs more than all the proofs.
+    inverse = adb.adjugate() / adb.det()
+    matched = inverse * ad * force
     mismatched = force - dynamics.input_matrix * matched
     bias = coriolis * dq + gravity
-    nominal = adb.inv() * (constraint.acceleration + ad * bias)
+    nominal = inverse * (constraint.acceleration + ad * bias)
     followed = ad * (dynamics.input_matrix * nominal - bias) - constraint.acceleration
     return (
         Identity("M is symmetric", "M = M^T", zero_matrix(mass - mass.T)),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
-from pfaffian.derive.normal_form import is_zero, trigonometric_sum
+from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec
+from pfaffian.derive.spec_check import check_mass_matrix
 from pfaffian.runtime.errors import InputError
 
 
@@ -32,12 +34,8 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
     kinetic = _lumped(trigonometric_sum(spec.kinetic_energy), spec, "kinetic energy")
     potential = _lumped(trigonometric_sum(spec.potential_energy), spec, "potential energy")
-    mass = sp.hessian(kinetic, list(dq)).applyfunc(sp.factor_terms)
-    if not is_zero(kinetic - (dq.T * mass * dq)[0] / 2):
-        raise InputError(
-            f"model {spec.name}: the kinetic energy is not a quadratic form of the velocities",
-            remedy="write T as a sum of m v^2/2 and I w^2/2 terms",
-        )
+    mass = mass_matrix(kinetic, spec.velocities, f"model {spec.name}")
+    check_mass_matrix(spec, mass)
     gravity = sp.Matrix([potential]).jacobian(q).T
     return Dynamics(
         mass_matrix=Matrix(mass),
@@ -48,6 +46,41 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
         kinetic_energy=kinetic,
         potential_energy=potential,
     )
+
+
+def mass_matrix(kinetic: sp.Expr, rates: Sequence[sp.Symbol], where: str) -> sp.Matrix:
+    """Return M (n, n) of T = q'^T M q'/2; raise `InputError` where T is not such a form."""
+    n = len(rates)
+    mass = sp.zeros(n, n)
+    try:
+        terms = sp.Poly(kinetic, *rates).terms()
+    except sp.PolynomialError:
+        terms = [((0,) * n, kinetic)]
+    for powers, coefficient in terms:
+        used = [k for k, power in enumerate(powers) for _ in range(power)]
+        if len(used) != 2:
+            raise InputError(
+                f"{where}: the kinetic energy is not a quadratic form of the velocities",
+                remedy="write T as a sum of m v^2/2 and I w^2/2 terms",
+                about="kinetic_energy",
+            )
+        i, j = used
+        mass[i, j] = mass[j, i] = sp.factor_terms(2 * coefficient if i == j else coefficient)
+    return mass
+
+
+def velocity_forces(mass: sp.Matrix, q: Sequence[sp.Symbol], dq: Sequence[sp.Symbol]) -> sp.Matrix:
+    """Return C(q, q') q' (n, 1) without forming C: (d_k M_ij - d_i M_jk / 2) q'_j q'_k summed."""
+    n = len(q)
+    slope = [[[mass[i, j].diff(q[k]) for k in range(n)] for j in range(n)] for i in range(n)]
+
+    def row(i: int) -> sp.Expr:
+        return sp.Add(*(
+            (slope[i][j][k] - slope[j][k][i] / 2) * dq[j] * dq[k]
+            for j in range(n) for k in range(n)
+        ))  # fmt: skip
+
+    return sp.Matrix(n, 1, lambda i, _: sp.expand_mul(row(i), deep=False))
 
 
 def christoffel_matrix(mass: sp.Matrix, q: sp.Matrix, dq: sp.Matrix) -> sp.Matrix:

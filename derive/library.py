@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -53,6 +55,7 @@ class ModelFolder:
         the user's file that raised.
         """
         from pfaffian.derive.spec import ModelSpec
+        from pfaffian.derive.spec_check import check_spec
 
         module = ModuleType(f"_pfaffian_model_{self.name.replace('-', '_')}")
         module.__file__ = str(self.spec_file)
@@ -61,7 +64,12 @@ class ModelFolder:
             text = self.spec_file.read_bytes()
             exec(compile(text, module.__file__, "exec", dont_inherit=True), vars(module))
             spec: Any = module.model()
-        except PfaffianError:
+        except PfaffianError as error:
+            line = self._line_of(error)
+            if line:
+                raise InputError(
+                    f"{self.spec_file}{line}: {error.message}", remedy=error.remedy
+                ) from error
             raise
         except (Exception, SystemExit) as error:
             raise InputError(
@@ -71,7 +79,28 @@ class ModelFolder:
         if not isinstance(spec, ModelSpec):
             raise InputError(f"{self.spec_file}: model() returned {shown(spec)}", remedy=remedy)
         _check_shapes(spec, self.spec_file)
+        check_spec(spec)
         return spec
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Let errors about this model name its file, and the line where it can be found."""
+        from pfaffian.derive.spec_check import line_about
+
+        try:
+            yield
+        except NotImplementedError as error:
+            raise InputError(
+                f"{self.spec_file}: {error}",
+                remedy="write the energies in sums, products, powers, sin, cos, tanh, atan, exp",
+            ) from error
+        except InputError as error:
+            if not error.message.startswith("model "):
+                raise
+            text = self.spec_file.read_text(encoding="utf-8")
+            line = next((n for a in error.about.split() if (n := line_about(text, a))), None)
+            where = f"{self.spec_file}:{line}" if line else str(self.spec_file)
+            raise InputError(f"{where}: {error.message}", remedy=error.remedy) from error
 
     def _line_of(self, error: BaseException) -> str:
         """Return `:LINE` of the user's file where `error` came from, or nothing."""

@@ -1,8 +1,8 @@
 """The plant and the constraint linearised at the setpoint, and the gains a given row determines.
 
 At the setpoint at rest, with x = (q - q_d, q'), the plant reads M x2' + D x2 + K x1 = B tau and
-the residual s = S0 x1 + S1 x2. A wanted row (r0, r1) of s = r0 x1 + r1 x2 (theory 3.7: the row
-B^T P of a Riccati equation) is matched up to its scale by the gains of the model's own residual.
+the residual s = S0 x1 + S1 x2. A wanted row (r0, r1) of s = r0 x1 + r1 x2 (such as B^T P of
+a Riccati equation) is matched up to its scale by the gains of the model's own residual.
 """
 
 from __future__ import annotations

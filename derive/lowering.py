@@ -6,7 +6,7 @@ the instructions that compute them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import sympy as sp
 from pfaffian.derive.block import Block
-from pfaffian.derive.program import Instruction, Op, Program
+from pfaffian.derive.program import Instruction, Op, Program, Signal
 from sympy.codegen.cfunctions import expm1
 from sympy.core.relational import Relational
 
@@ -36,13 +36,15 @@ _RELATION: dict[type, Callable[[Any, Any], Any]] = {
 }
 
 
-class _ToCasadi:
+class ToCasadi:
     """Walks SymPy expressions, sharing what it has already built."""
 
-    def __init__(self) -> None:
-        self.known: dict[sp.Basic, Any] = {}
+    def __init__(self, known: Mapping[sp.Basic, Any] | None = None) -> None:
+        """Start with the graphs of the symbols in `known`."""
+        self.known: dict[sp.Basic, Any] = dict(known or {})
 
     def __call__(self, expression: sp.Basic) -> Any:
+        """Return the graph of `expression`."""
         if expression not in self.known:
             self.known[expression] = self._build(expression)
         return self.known[expression]
@@ -152,7 +154,7 @@ _OPS: dict[int, Op] = {
 
 def lower(block: Block) -> Program:
     """Lower `block` to a program; definitions that no output needs are dropped."""
-    convert = _ToCasadi()
+    convert = ToCasadi()
     inputs = [ca.SX.sym(symbol.name) for symbol in block.symbols]
     convert.known.update(zip(block.symbols, inputs, strict=True))
     for definition in block.definitions:
@@ -177,6 +179,29 @@ def lower(block: Block) -> Program:
     instructions, results = _without_dead(tape, results)
     return Program(
         block.name, block.title, block.inputs, tuple(instructions), block.outputs, results
+    )
+
+
+def lower_graph(
+    name: str, inputs: Mapping[str, Any], outputs: Sequence[str], values: Sequence[Any]
+) -> Program:
+    """Lower a graph that some other tool built: named scalar inputs, and values by name."""
+    shared = ca.cse(list(values))
+    function = ca.Function(
+        "f", [ca.vertcat(*inputs.values())], [ca.vertcat(*shared)], {"cse": False}
+    )
+    tape, leaving = _read_tape(function, len(inputs), len(values))
+    for i, symbol in enumerate(inputs):
+        tape[i] = replace(tape[i], name=symbol)
+    tape, results = _select_from_masks(tape, tuple(leaving))
+    instructions, results = _without_dead(tape, results)
+    return Program(
+        name,
+        name,
+        tuple(Signal(n, "", "", "input") for n in inputs),
+        tuple(instructions),
+        tuple(Signal(n, "", "", "output") for n in outputs),
+        results,
     )
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 #: Modules whose text a derivation depends on; lowering depends on these and its own.
 _DERIVATION_CODE = (
+    "authoring",
     "block",
     "constraint",
     "continuous_law",
@@ -41,6 +42,7 @@ _DERIVATION_CODE = (
     "parameters",
     "program",
     "spec",
+    "spec_check",
     "zero_dynamics",
 )
 _LOWERING_CODE = ("elementary", "lower_model", "lowered", "lowering", "render")
@@ -81,7 +83,8 @@ def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Deriv
     def compute() -> bytes:
         from pfaffian.derive.derivation import derive
 
-        return pickle.dumps(derive(folder.load()))
+        with folder.blamed():
+            return pickle.dumps(derive(folder.load()))
 
     from pfaffian.derive import derivation as _loaded  # noqa: F401  (pickle needs its classes)
 
@@ -99,7 +102,9 @@ def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> Lower
     def compute() -> bytes:
         from pfaffian.derive.lower_model import lower_model
 
-        return lowered_to_json(lower_model(derivation_of(folder, clock), tool_versions())).encode()
+        derivation = derivation_of(folder, clock)
+        with folder.blamed():
+            return lowered_to_json(lower_model(derivation, tool_versions())).encode()
 
     model = lowered_from_json(cached("lowered", key, compute).decode())
     if clock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -45,6 +46,7 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
         raise InputError(
             f"model {spec.name}: ADB is identically zero, the actuators do not move s",
             remedy="choose a servo-constraint that the actuators reach",
+            about="residual",
         )
     coefficients = tuple(sp.factor(c) for c in polynomial.all_coeffs())
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
@@ -61,7 +63,39 @@ def _synthesise(
     still = {symbol_of(p): 0 for p in spec.parameters_in("uncertainty")}
     lead = coefficients[0].subs(still)
     equations = [c.subs(still) - lead * w for c, w in zip(coefficients[1:], wanted, strict=True)]
-    solutions = sp.solve(equations, gains, dict=True) if gains else []
-    if len(solutions) != 1:
+    if not gains:
         return ()
-    return tuple((gain, sp.factor(solutions[0][gain])) for gain in gains)
+    found = _solve_abstractly(equations, gains) or _only(equations, gains)
+    return tuple((gain, sp.factor(found[gain])) for gain in gains if found)
+
+
+def _solve_abstractly(
+    equations: Sequence[sp.Expr], gains: Sequence[sp.Symbol]
+) -> dict[sp.Symbol, sp.Expr]:
+    """Solve with each coefficient of a monomial in the gains held by one symbol; {} on failure.
+
+    The solver is several times faster where it need not carry the plant's inertias along. A
+    relation among the coefficients, which this hides, can only cost the solution: then its
+    denominator vanishes, or it is not the only one.
+    """
+    held: dict[sp.Expr, sp.Dummy] = {}
+    bare = []
+    for equation in equations:
+        if not equation.is_polynomial(*gains):
+            return {}
+        terms = sp.Poly(equation, *gains).terms()
+        powers = [sp.prod(g**k for g, k in zip(gains, ks, strict=True)) for ks, _ in terms]
+        symbols = [held.setdefault(sp.expand(c), sp.Dummy()) for _, c in terms]
+        bare.append(sum(s * p for s, p in zip(symbols, powers, strict=True)))
+    values = {symbol: coefficient for coefficient, symbol in held.items()}
+    found = _only(bare, gains)
+    parts = {g: [sp.factor(x.subs(values)) for x in sp.fraction(e)] for g, e in found.items()}
+    if any(denominator == 0 for _, denominator in parts.values()):
+        return {}
+    return {g: numerator / denominator for g, (numerator, denominator) in parts.items()}
+
+
+def _only(equations: Sequence[sp.Expr], gains: Sequence[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
+    """Return the solution if there is exactly one and it determines every gain, else {}."""
+    solutions = sp.solve(equations, gains, dict=True)
+    return solutions[0] if len(solutions) == 1 and set(solutions[0]) == set(gains) else {}

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 Array = np.ndarray[Any, Any]
 
 _RELATIVE, _ABSOLUTE = 1e-8, 1e-10
-_MOST_EVALUATIONS = 3_000_000
+_MOST_EVALUATIONS = 1_000_000
 
 
 @dataclass(frozen=True)

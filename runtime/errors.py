@@ -12,15 +12,17 @@ class PfaffianError(Exception):
     """Base of every error this package raises on purpose.
 
     The message says what is wrong and where (file and key); `remedy` says what to do about it.
+    `about` names the field or symbol at fault, the surest first, for whoever knows the file.
     """
 
     exit_code = EXIT_CHECK_FAILED
 
-    def __init__(self, message: str, *, remedy: str = "") -> None:
+    def __init__(self, message: str, *, remedy: str = "", about: str = "") -> None:
         """Keep the message and the remedy apart, so that the command line can lay them out."""
         super().__init__(message)
         self.message = message
         self.remedy = remedy
+        self.about = about
 
     def __str__(self) -> str:
         """Return the message followed by the remedy."""

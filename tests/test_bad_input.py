@@ -24,9 +24,9 @@ from pfaffian.runtime.generated_model import open_generated
 #: A call that names what does not exist, and what the message must say.
 UNKNOWN = {
     "a model": ("generate pendubox", "unknown model pendubox", "did you mean pendubot?"),
-    "a model to derive": ("derive acrobot", "unknown model acrobot", "known: pendubot"),
-    "a model to verify": ("verify acrobot", "unknown model acrobot", "known: pendubot"),
-    "a model to run": ("run acrobot -o made", "unknown model acrobot", "known: pendubot"),
+    "a model to derive": ("derive triple_pendulum", "unknown model triple_pendulum", "pendubot"),
+    "a model to verify": ("verify triple_pendulum", "unknown model triple_pendulum", "pendubot"),
+    "a model to run": ("run triple_pendulum -o made", "unknown model triple_pendulum", "pendubot"),
     "a model to build": ("build pendubox", "no generated model pendubox", "generate it first"),
     "a set": ("generate pendubot --set simm", "no parameter set simm", "did you mean sim?"),
     "a set to derive": ("derive pendubot --set rigg", "no parameter set rigg", "mean rig?"),

@@ -26,8 +26,8 @@ REFUSED = {
     "a number for the set": ('set = "sim"', "set = 1", "set must be a string", 'set = "..."'),
     "an unknown model": (
         'model = "pendubot"',
-        'model = "acrobot"',
-        "no generated model acrobot",
+        'model = "triple_pendulum"',
+        "no generated model triple_pendulum",
         "known: pendubot",
     ),
     "an unknown set": ('set = "sim"', 'set = "sam"', "has no parameter set sam", "mean sim?"),

@@ -14,12 +14,26 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 from pfaffian.cli.main import app
+from pfaffian.derive.library import library_models
 from pfaffian.derive.verify import compare
 from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.generated_model import open_generated
 from pfaffian.runtime.scenario import scenario_paths
 
-COMMANDS = ("models", "derive", "generate", "verify", "build", "simulate", "pil", "run", "bench")
+COMMANDS = (
+    "models",
+    "derive",
+    "audit",
+    "design",
+    "certify",
+    "generate",
+    "verify",
+    "build",
+    "simulate",
+    "pil",
+    "run",
+    "bench",
+)
 FLIGHT = ("steps", "mode", "iae_q1", "iae_q2", "mae2_q1", "mae2_q2", "peak_torque")
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -57,7 +71,7 @@ def copied(workspace):
 
 def test_models_lists_models_sets_and_scenarios(run):
     document = run("models", "--json").document()
-    assert document["models"] == ["pendubot"]
+    assert document["models"] == sorted(library_models())
     sets = {(s["model"], s["set"]) for s in document["sets"]}
     assert {("pendubot", "sim"), ("pendubot", "rig")} <= sets
     assert all(s["title"] for s in [*document["sets"], *document["scenarios"]])
@@ -274,7 +288,7 @@ def test_derive_prints_each_form_and_its_progress_elsewhere(form, words, run):
 def test_the_console_script_is_installed_and_works_as_a_process(workspace):
     done = process("models", "--json", cwd=workspace)
     assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["models"] == ["pendubot"]
+    assert json.loads(done.stdout)["models"] == sorted(library_models())
     assert "Usage: pfaffian generate " in process("generate", "--help", cwd=workspace).stdout
     assert list(workspace.iterdir()) == []
 
@@ -283,7 +297,7 @@ def test_the_console_script_is_installed_and_works_as_a_process(workspace):
     ("arguments", "code"),
     [
         ("generate pendubot --check -o nowhere --json", 1),
-        ("derive acrobot --json", 2),
+        ("derive triple_pendulum --json", 2),
         ("build pendubot --target host --toolchain gcc --json", 3),
     ],
 )

@@ -133,7 +133,7 @@ def _check_name(model: str, name: str) -> None:
         what, remedy = "is a name the generated code needs itself", "rename it"
     else:
         return
-    raise InputError(f"model {model}: {name} {what}", remedy=remedy)
+    raise InputError(f"model {model}: {name} {what}", remedy=remedy, about=name)
 
 
 def _check_program(model: str, program: Program) -> None:
@@ -146,6 +146,7 @@ def _check_program(model: str, program: Program) -> None:
         raise InputError(
             f"model {model}: {twice[0]} names two different values of {program.name}",
             remedy="rename your coordinate, actuator or parameter",
+            about=twice[0],
         )
 
 

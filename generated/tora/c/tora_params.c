@@ -9,10 +9,9 @@
 
 /*
  * the RTAC benchmark testbed, poles at -4 and -0.8 +- 10.8i
- * Bupp, Bernstein and Coppola 1998, table of the testbed: cart 1.3608 kg, arm 0.096 kg,
- * eccentricity 0.0592 m, inertia 0.0002175 kg m^2, stiffness 186.3 N/m (so that the coupling
- * is 0.200), torque at most 0.100 N m; gains synthesised, gains of the law and sample time
- * chosen here
+ * Bupp, Bernstein and Coppola 1998, the testbed: cart 1.3608 kg, arm 0.096 kg, eccentricity
+ * 0.0592 m, inertia 0.0002175 kg m^2, stiffness 186.3 N/m (so that the coupling is 0.200),
+ * torque at most 0.100 N m; gains synthesised, gains of the law and sample time chosen here
  */
 const tora_params_t tora_params_benchmark = {
     .cart_mass = 1.3608, /* kg */

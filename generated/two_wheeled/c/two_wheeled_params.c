@@ -9,10 +9,10 @@
 
 /*
  * the NXTway-GS of Yamamoto, poles at -3
- * Yamamoto 2008, NXTway-GS model-based design, chapter 3 (table of physical parameters):
- * wheel 0.03 kg of radius 0.04 m, Jw = m R^2/2; body 0.6 kg, 0.144 m high, L = H/2, Jpsi = M
- * L^2/3; rotor 1e-5 kg m^2, gear 1; controller every 4 ms. Torque limit: 2 Kt 8 V/Rm = 0.758
- * N m at rest, taken lower here; gains of the law chosen here
+ * Yamamoto 2008, NXTway-GS model-based design, its parameter file param_plant.m: wheel 0.03
+ * kg of radius 0.04 m, Jw = m R^2/2; body 0.6 kg, 0.144 m high, L = H/2, Jpsi = M L^2/3;
+ * rotor 1e-5 kg m^2, gear 1; controller every 4 ms. Torque limit: 2 Kt 8 V/Rm = 0.758 N m at
+ * rest, taken lower here; gains of the law chosen here
  */
 const two_wheeled_params_t two_wheeled_params_nxtway = {
     .wheel_mass = 0.03, /* kg */

@@ -1,0 +1,62 @@
+"""`pfaffian audit`: a model's source against its derivation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from pfaffian.derive.audit.row import Audit, Verdict
+
+
+def show_audit(reference: str, form: str, as_json: bool) -> None:
+    """Print one row for each numbered equation of the source, and the findings around them."""
+    from pfaffian.derive.audit.document import audit_data, audit_latex
+    from pfaffian.derive.audit.library import audit, check_audited
+    from pfaffian.derive.library import find_model
+    from pfaffian.derive.pipeline import derivation_of
+
+    if form not in ("text", "latex"):
+        raise InputError(f"--format {form} is unknown", remedy="choose text or latex")
+    folder = find_model(reference)
+    check_audited(reference)  # of the library: an own model has another source
+    output.note(f"auditing {folder.name}")
+    result = audit(derivation_of(folder))
+
+    def show() -> None:
+        if form == "latex":
+            print(audit_latex(result), end="")
+        else:
+            _print_text(result)
+
+    output.deliver(audit_data(result), as_json, show)
+
+
+def _print_text(result: Audit) -> None:
+    rows = [
+        (f"({r.number})", f"{r.verdict.status}{' (claim)' * (r.about == 'claim')}", r.verdict.note)
+        for r in result.rows
+    ]
+    output.table(f"{result.model}: equations", ("number", "status", "note"), rows)
+    found = [(f.name, f.verdict.status, f"{f.claim}. {f.verdict.note}") for f in result.findings]
+    output.table(f"{result.model}: findings", ("finding", "status", "claim and note"), found)
+    for row in result.rows:
+        _print_difference(f"({row.number})", row.verdict)
+    for finding in result.findings:
+        _print_difference(finding.name, finding.verdict)
+    counts = result.summary()
+    for what, by_status in counts.items():
+        print(f"{what}: {', '.join(f'{n} {status}' for status, n in by_status.items())}")
+
+
+def _print_difference(name: str, verdict: Verdict) -> None:
+    from pfaffian.derive.audit.document import counterexample_text, form_text
+
+    if verdict.counterexample is None:
+        return
+    print(f"{name}")
+    print(f"  printed: {form_text(verdict.printed)}")
+    print(f"  derived: {form_text(verdict.derived)}")
+    print(f"  {counterexample_text(verdict.counterexample)}")

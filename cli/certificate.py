@@ -1,0 +1,281 @@
+"""`pfaffian certify`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import CheckError, InputError
+
+if TYPE_CHECKING:
+    from pfaffian.derive.certificate.certify import Certificate, Claim
+    from pfaffian.derive.certificate.theorem import Ultimate
+    from pfaffian.derive.library import ModelFolder
+    from pfaffian.derive.lowered import LoweredModel
+    from pfaffian.runtime.scenario import Scenario
+
+_CONDITION = (
+    "The certificate bounds delta, not q: where the constraint is followed, the zero dynamics "
+    "decide what q does. It holds while the state stays in the region, which it does not prove; "
+    "the flight is one check that it did."
+)
+
+
+def certify_design(
+    reference: str,
+    scenario_name: str | None,
+    set_name: str | None,
+    params: Path | None,
+    region: str | None,
+    initial: str | None,
+    as_json: bool,
+) -> None:
+    """Print Theorem 1 in numbers for a scenario, beside a flight of the continuous law."""
+    from pfaffian.derive.certificate.certify import certify
+    from pfaffian.derive.certificate.region import parse_region
+    from pfaffian.derive.certificate.uncertainty import require_one_actuator
+    from pfaffian.derive.library import find_model
+    from pfaffian.derive.pipeline import derivation_of, lowered_model
+    from pfaffian.runtime.continuous import fly_continuous
+    from pfaffian.runtime.generated_model import host_model
+
+    source = find_model(reference)
+    model, derivation = lowered_model(source), derivation_of(source)
+    require_one_actuator(derivation.spec)
+    scenario = _scenario(model, source, scenario_name, set_name, params, initial)
+    coordinates = scenario.folder.manifest.coordinates
+    sides = parse_region(region, coordinates, scenario.setpoint) if region else {}
+    output.note(f"flying {scenario.name} under the continuous law")
+    flight = fly_continuous(scenario, host_model(scenario.folder))
+    output.note("bounding ADB and Fhat over the region")
+    certificate = certify(derivation, flight, sides)
+    document = certificate_document(source.name, certificate)
+    output.deliver(
+        document,
+        as_json,
+        lambda: _print(document),
+        certificate.failure(),
+        "give a --region that keeps the flight, or take other gains",
+    )
+
+
+def _scenario(
+    model: LoweredModel,
+    source: ModelFolder,
+    name: str | None,
+    set_name: str | None,
+    params: Path | None,
+    initial: str | None,
+) -> Scenario:
+    """Return the scenario to certify; the first of the model's where none is named."""
+    from pfaffian.derive.certificate.region import parse_point
+    from pfaffian.runtime.scenario import read_scenario
+
+    if set_name and params:
+        raise InputError("--set and --params exclude each other", remedy="give one of them")
+    scenario = read_scenario(name or _first_scenario(source.name), set_name=set_name)
+    manifest = scenario.folder.manifest
+    if manifest.model != source.name:
+        raise InputError(
+            f"scenario {scenario.name} flies {manifest.model}, not {source.name}",
+            remedy="name a scenario of that model: pfaffian models",
+        )
+    if manifest.model_sha256 != model.sha256:
+        raise CheckError(
+            f"{scenario.folder.path}: generated from another {source.name} than the one derived "
+            f"now",
+            remedy=f"regenerate it: pfaffian generate {source.name} -o {scenario.folder.path}",
+        )
+    if params:
+        scenario = _with_parameters(scenario, model, source, params)
+    if initial:
+        scenario = replace(scenario, initial=parse_point(initial, scenario.initial))
+    return scenario
+
+
+def _first_scenario(model: str) -> str:
+    from pfaffian.runtime.documents import read_toml
+    from pfaffian.runtime.scenario import scenario_paths
+
+    names = [n for n, p in scenario_paths().items() if read_toml(p).get("model") == model]
+    if not names:
+        raise InputError(
+            f"no scenario of model {model} comes with this package",
+            remedy="write one and name it with --scenario",
+        )
+    return names[0]
+
+
+def _with_parameters(
+    scenario: Scenario, model: LoweredModel, source: ModelFolder, path: Path
+) -> Scenario:
+    """Return `scenario` with the parameters in `path`; what it changed in its own set stays."""
+    from pfaffian.derive.pipeline import parameter_set
+
+    before = scenario.folder.parameters(scenario.set_name)
+    after = parameter_set(model, source, path).as_dict()
+
+    def merged(values: Any) -> dict[str, float]:
+        kept = {n: v for n, v in values.items() if n not in before or v != before[n]}
+        return {n: kept.get(n, after.get(n, v)) for n, v in values.items()}
+
+    return replace(
+        scenario,
+        set_name=str(path),
+        controller=merged(scenario.controller),
+        plant=merged(scenario.plant),
+    )
+
+
+def certificate_document(model: str, certificate: Certificate) -> dict[str, Any]:
+    """Return the document of a certificate."""
+    assumptions, scenario = certificate.assumptions, certificate.scenario
+    symbols = _symbols(certificate)
+    return {
+        "model": model,
+        "set": scenario.set_name,
+        "scenario": scenario.name,
+        "variant": "p1 + p2 + p3" if certificate.theorem else "p1 + p2",
+        "region": {n: list(side) for n, side in assumptions.region.box.items()},
+        "assumption1": asdict(assumptions.gain),
+        "assumption2": {
+            "fhat": asdict(assumptions.force),
+            "alpha": asdict(assumptions.alpha),
+            "pursuit": asdict(assumptions.pursuit),
+        },
+        "symbols": symbols,
+        "flight": {
+            "samples": certificate.samples,
+            "least_slack": certificate.least_slack,
+            "left_region": certificate.left,
+            "claims": [asdict(c) for c in certificate.claims],
+        },
+        "conservative": _conservative(certificate),
+        "condition": _CONDITION,
+        "holds_in_flight": not certificate.failure(),
+    }
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Units of beta, of the actuator's force and of ADB."""
+
+    beta: str
+    force: str
+    gain: str
+
+
+def _units(certificate: Certificate) -> _Units:
+    structures = certificate.scenario.folder.manifest.structures
+    given = {f.name: f.unit for f in structures["continuous_output"].fields}
+    state = {f.name: f.unit for f in structures["continuous_state"].fields}
+    return _Units(given["beta"], state["bound_estimate"], given["adb"])
+
+
+def _row(symbol: str, value: float, unit: str, meaning: str, form: str = "") -> dict[str, Any]:
+    return {"symbol": symbol, "form": form, "value": value, "unit": unit, "meaning": meaning}
+
+
+def _symbols(certificate: Certificate) -> list[dict[str, Any]]:
+    """Return every symbol with its value, unit and meaning."""
+    assumptions, scenario = certificate.assumptions, certificate.scenario
+    units, pursuit = _units(certificate), certificate.pursuit
+    fields = {f.name: f.unit for f in scenario.folder.manifest.structures["params"].fields}
+    names = ("kappa", "epsilon", "k1", "k2")
+    rows = [_row(n, scenario.controller[n], fields[n], "gain") for n in names if n in fields]
+    rows += [
+        _row("min |ADB|", assumptions.gain.bound, units.gain, "least over the region, (10)"),
+        _row("lmin", assumptions.lmin, f"({units.gain})^2", "least (ADB)^2, assumption 1, (13)"),
+        _row("fbar", assumptions.force.bound, units.force, "greatest |Fhat|, (11)"),
+        _row("alpha", assumptions.alpha.bound, units.force, "sup |Fhat|/Pi, assumption 2, (14)"),
+    ]
+    if theorem := certificate.theorem:
+        constants = {"printed": theorem.printed(), "scaled": theorem.scaled()}
+        for claim in certificate.claims:
+            if claim.form in constants:
+                rows += _constants(claim, constants[claim.form], units)
+    return [
+        *rows,
+        _row("kappa lmin", pursuit.rate, "1/s", "rate at which |beta| - b falls at least", "p2"),
+        _row("b", pursuit.ultimate, units.beta, "sup |Fhat|/(kappa |ADB|) bounds |beta|", "p2"),
+        _row("b coarse", pursuit.coarse, units.beta, "fbar/(kappa min|ADB|)", "p2"),
+    ]
+
+
+def _constants(claim: Claim, c: Ultimate, units: _Units) -> list[dict[str, Any]]:
+    """Return the symbols of one form of Theorem 1; the printed one adds unlike units."""
+    form, size, square = claim.form, units.beta, f"({units.beta})^2/s"
+    per = {"K1": "1/s", "K2": f"{units.beta}/s", "g": ""}
+    if form == "printed":
+        size = f"{units.beta} and {units.force}"
+        per = {"K1": f"1/s and {square}/({units.force})^2", "K2": f"{square}/({units.force})"}
+        per["g"] = "1 and 1/k1"
+    return [
+        _row("K1", c.K1, per["K1"], "(42), rho = 0", form),
+        _row("K2", c.K2, per["K2"], "(42), rho = 0", form),
+        _row("K3", c.K3, square, "(42), rho = 0", form),
+        _row("gm", c.gm, per["g"], "gm |delta|^2 <= V, for (44)", form),
+        _row("gM", c.gM, per["g"], "V <= gM |delta|^2, for (44)", form),
+        _row("R", c.R, size, "V' < 0 beyond, (43)", form),
+        _row("r", claim.start, size, "|delta| at the start", form),
+        _row("d(r)", claim.bound, size, "bound of |delta| for all time, (43)", form),
+        _row("dunder", c.dunder, size, "dbar must exceed it, (45)", form),
+        _row("dbar", claim.ultimate, size, "the ultimate bound taken", form),
+        _row("T printed", c.settling_printed(claim.ultimate, claim.start), "s", "(46)", form),
+        _row("T", claim.settling, "s", "time to dbar, comparison principle", form),
+    ]
+
+
+def _conservative(certificate: Certificate) -> dict[str, float | None]:
+    """Return how many times larger each bound is than what was seen."""
+    ratios: dict[str, float | None] = {}
+    for c in certificate.claims:
+        ratios[f"{c.form}, all time"] = c.bound / c.largest if c.largest else None
+        ratios[f"{c.form}, after T"] = c.ultimate / c.late if c.late else None
+    beta = next(c.largest for c in certificate.claims if c.form == "p2")
+    for c in certificate.claims:
+        if c.form != "p2":
+            ratios[f"{c.form}, of beta alone"] = c.bound / beta if beta else None
+    return ratios
+
+
+def _print(document: dict[str, Any]) -> None:
+    """Print a certificate as tables."""
+    box = document["region"].items()
+    output.table(
+        f"region of {document['scenario']} with {document['set']}, {document['variant']}",
+        ("coordinate", "from", "to"),
+        [(n, output.figure(a), output.figure(b)) for n, (a, b) in box],
+    )
+    output.table(
+        "Theorem 1 in numbers",
+        ("symbol", "form", "value", "unit", "meaning"),
+        [
+            (s["symbol"], s["form"], output.figure(s["value"]), s["unit"], s["meaning"])
+            for s in document["symbols"]
+        ],
+    )
+    output.table(
+        "bounds beside a flight of the continuous law",
+        ("form", "start", "bound", "dbar", "after s", "largest seen", "largest then"),
+        [
+            tuple(v if isinstance(v, str) else "-" if v is None else output.figure(v) for v in row)
+            for row in (c.values() for c in document["flight"]["claims"])
+        ],
+    )
+    ratios = document["conservative"].items()
+    output.table(
+        "how conservative: bound / largest seen",
+        ("bound", "ratio"),
+        [(k, "-" if v is None else output.figure(v)) for k, v in ratios],
+    )
+    flight = document["flight"]
+    stayed = flight["left_region"] or "the flight stayed in the region"
+    output.out.print(
+        f"least bound - V' at {flight['samples']} samples: {flight['least_slack']:.3g} 1/s^3 "
+        f"(negative is broken); {stayed}",
+        soft_wrap=True,
+    )
+    output.out.print(document["condition"], soft_wrap=True)

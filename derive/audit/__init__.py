@@ -1,0 +1,1 @@
+"""The audit: every numbered equation of a model's source, checked against its derivation."""

@@ -1,0 +1,157 @@
+"""Interval arithmetic over the intermediate representation: enclosures that hold for a whole box.
+
+Every operation is rounded outward by a few units in the last place, more than the rounding of the
+operation itself, so that an enclosure is one in real arithmetic too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from pfaffian.derive.program import Instruction, Op, Program
+
+Array = np.ndarray[Any, Any]
+Interval = tuple[Array, Array]
+
+_ULPS = 4.0
+_TURN = 2.0 * np.pi
+#: An extremum this near to an end of the interval counts as inside.
+_SLACK = 1e-12
+
+
+def _outward(low: Array, high: Array) -> Interval:
+    """Round outward; what is not a number becomes the whole line."""
+    low = np.where(np.isnan(low), -np.inf, low)
+    high = np.where(np.isnan(high), np.inf, high)
+    below = np.where(np.isfinite(low), _ULPS * np.spacing(np.abs(low)), 0.0)
+    above = np.where(np.isfinite(high), _ULPS * np.spacing(np.abs(high)), 0.0)
+    return low - below, high + above
+
+
+def _multiply(a: Interval, b: Interval) -> Interval:
+    products = np.stack([a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]])
+    return products.min(axis=0), products.max(axis=0)
+
+
+def _square(a: Interval) -> Interval:
+    low, high = _magnitude(a)
+    return low * low, high * high
+
+
+def _divide(a: Interval, b: Interval) -> Interval:
+    crosses = (b[0] <= 0.0) & (b[1] >= 0.0)
+    low, high = _multiply(a, (1.0 / b[1], 1.0 / b[0]))
+    # The reciprocals were rounded before the product: one unit each, within what is added outside.
+    return np.where(crosses, -np.inf, low), np.where(crosses, np.inf, high)
+
+
+def _magnitude(a: Interval) -> Interval:
+    inner = np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(np.abs(a[0]), np.abs(a[1])))
+    return inner, np.maximum(np.abs(a[0]), np.abs(a[1]))
+
+
+def _contains_turn(a: Interval, offset: float) -> Array:
+    """Return whether offset + 2 pi k lies in the interval for some integer k."""
+    first = np.ceil((a[0] - offset) / _TURN - _SLACK)
+    return np.asarray(first <= (a[1] - offset) / _TURN + _SLACK)
+
+
+def _cosine(a: Interval, shift: float = 0.0) -> Interval:
+    """Enclose cos(x - shift)."""
+    ends = np.cos(a[0] - shift), np.cos(a[1] - shift)
+    low = np.where(_contains_turn(a, shift + np.pi), -1.0, np.minimum(*ends) - _SLACK)
+    high = np.where(_contains_turn(a, shift), 1.0, np.maximum(*ends) + _SLACK)
+    return np.maximum(low, -1.0), np.minimum(high, 1.0)
+
+
+def _rising(function: Callable[[Array], Array]) -> Callable[[Interval], Interval]:
+    return lambda a: (function(a[0]), function(a[1]))
+
+
+_OPERATIONS: dict[Op, Callable[..., Interval]] = {
+    Op.ADD: lambda a, b: (a[0] + b[0], a[1] + b[1]),
+    Op.SUB: lambda a, b: (a[0] - b[1], a[1] - b[0]),
+    Op.MUL: _multiply,
+    Op.DIV: _divide,
+    Op.NEG: lambda a: (-a[1], -a[0]),
+    Op.ABS: _magnitude,
+    Op.MIN: lambda a, b: (np.minimum(a[0], b[0]), np.minimum(a[1], b[1])),
+    Op.MAX: lambda a, b: (np.maximum(a[0], b[0]), np.maximum(a[1], b[1])),
+    Op.SQRT: lambda a: (np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(np.maximum(a[1], 0.0))),
+    Op.SIN: lambda a: _cosine(a, np.pi / 2.0),
+    Op.COS: _cosine,
+    Op.ATAN: _rising(np.arctan),
+    Op.EXP: _rising(np.exp),
+    Op.EXPM1: _rising(np.expm1),
+    Op.TANH: _rising(np.tanh),
+    Op.SIGN: _rising(np.sign),
+}
+
+
+def _apply(instruction: Instruction, slots: list[Interval]) -> Interval:
+    if instruction.op not in _OPERATIONS:
+        raise NotImplementedError(f"no interval for the operation {instruction.op}")
+    a = instruction.args
+    if instruction.op is Op.MUL and a[0] == a[1]:
+        return _square(slots[a[0]])  # x * x is not the product of two independent values
+    return _OPERATIONS[instruction.op](*(slots[i] for i in a))
+
+
+def enclose(program: Program, box: Mapping[str, Interval]) -> dict[str, Interval]:
+    """Return an enclosure of every output of `program` over boxes.
+
+    `box` maps each input to its ends, arrays of shape (N,) or scalars; the outputs come as pairs
+    of arrays of that shape. Raises `NotImplementedError` for a logical operation.
+    """
+    slots: list[Interval] = []
+    names = iter(program.inputs)
+    with np.errstate(all="ignore"):
+        for instruction in program.instructions:
+            if instruction.op is Op.INPUT:
+                low, high = box[next(names).name]
+                slots.append((np.asarray(low, float), np.asarray(high, float)))
+            elif instruction.op is Op.CONST:
+                value = np.asarray(instruction.value)
+                slots.append((value, value))
+            else:
+                slots.append(_outward(*_apply(instruction, slots)))
+    pairs = zip(program.outputs, program.results, strict=True)
+    return {signal.name: slots[index] for signal, index in pairs}
+
+
+_PLAIN: dict[Op, Callable[..., Array]] = {
+    Op.ADD: np.add,
+    Op.SUB: np.subtract,
+    Op.MUL: np.multiply,
+    Op.DIV: np.divide,
+    Op.NEG: np.negative,
+    Op.ABS: np.abs,
+    Op.MIN: np.minimum,
+    Op.MAX: np.maximum,
+    Op.SQRT: np.sqrt,
+    Op.SIN: np.sin,
+    Op.COS: np.cos,
+    Op.ATAN: np.arctan,
+    Op.EXP: np.exp,
+    Op.EXPM1: np.expm1,
+    Op.TANH: np.tanh,
+    Op.SIGN: np.sign,
+}
+
+
+def evaluate_at(program: Program, values: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the outputs of `program` at points; `values` are scalars or arrays of shape (N,)."""
+    slots: list[Array] = []
+    names = iter(program.inputs)
+    with np.errstate(all="ignore"):
+        for i in program.instructions:
+            if i.op is Op.INPUT:
+                slots.append(np.asarray(values[next(names).name], float))
+            elif i.op is Op.CONST:
+                slots.append(np.asarray(i.value))
+            else:
+                slots.append(_PLAIN[i.op](*(slots[a] for a in i.args)))
+    pairs = zip(program.outputs, program.results, strict=True)
+    return {signal.name: slots[index] for signal, index in pairs}

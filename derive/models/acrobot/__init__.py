@@ -1,0 +1,1 @@
+"""The acrobot: two links, one motor at the elbow."""

@@ -1,0 +1,1 @@
+"""The reaction-wheel pendulum: a motor on the pendulum spins a wheel against it."""

@@ -1,0 +1,1 @@
+"""The two-wheeled robot: motors between body and wheels keep the body upright."""

@@ -1,0 +1,137 @@
+"""What must hold of a specification before anything is derived from it, and where it is written.
+
+The checks name the field or symbol at fault in `InputError.about`; `line_about` finds that in the
+user's file.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+
+import sympy as sp
+from pfaffian.derive.spec import ModelSpec
+from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.quantity import unit_registry
+
+#: What `line_about` may find: a field given by keyword, or a symbol by the string that names it.
+_ENERGIES = (("kinetic energy", "kinetic_energy"), ("potential energy", "potential_energy"))
+
+
+def check_spec(spec: ModelSpec) -> None:
+    """Raise `InputError` for energies that are none, and coordinates and inputs without effect."""
+    _check_energies(spec)
+    _check_names(spec)
+    _check_units(spec)
+    _check_coordinates(spec)
+    for k, actuator in enumerate(spec.actuators):
+        if not any(spec.input_matrix[:, k]):
+            raise InputError(
+                f"model {spec.name}: ADB is identically zero, the actuators do not move s: "
+                f"{actuator.name} acts on no coordinate",
+                remedy="choose a servo-constraint that the actuators reach; say what they act on",
+                about=actuator.name,
+            )
+
+
+def _check_energies(spec: ModelSpec) -> None:
+    for what, field in _ENERGIES:
+        value = getattr(spec, field)
+        if not isinstance(value, sp.Expr):
+            raise InputError(
+                f"model {spec.name}: the {what} is {value!r}, no SymPy expression",
+                remedy="write it in the symbols of the coordinates and parameters",
+                about=field,
+            )
+        if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo):
+            raise InputError(
+                f"model {spec.name}: the {what} is not finite: {value}",
+                remedy="look for a division by zero",
+                about=field,
+            )
+    moving = sorted(s.name for s in spec.potential_energy.free_symbols & set(spec.velocities))
+    if moving:
+        raise InputError(
+            f"model {spec.name}: the potential energy depends on the velocity {moving[0]}",
+            remedy="put what depends on velocities into the kinetic energy",
+            about="potential_energy",
+        )
+
+
+def _check_names(spec: ModelSpec) -> None:
+    names = [n for c in spec.coordinates for n in (c.name, f"d{c.name}")]
+    names += [p.name for p in spec.parameters] + [a.name for a in spec.actuators]
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise InputError(
+                f"model {spec.name}: the name {name} is declared {times} times",
+                remedy="rename one of them; the law's own gains and limits have names too",
+                about=name,
+            )
+
+
+def _check_units(spec: ModelSpec) -> None:
+    units = {c.name: c.unit for c in spec.coordinates} | {a.name: a.unit for a in spec.actuators}
+    for name, unit in (units | {p.name: p.unit for p in spec.parameters}).items():
+        try:
+            unit_registry().parse_units(unit)
+        except Exception as error:  # pint's own family has no common base for bad unit texts
+            raise InputError(
+                f"model {spec.name}: {name} has the unit {unit!r}: {error}",
+                remedy='give a unit such as "kg*m^2", or "" for none',
+                about=name,
+            ) from error
+
+
+def _check_coordinates(spec: ModelSpec) -> None:
+    for c in spec.coordinates:
+        if c.velocity not in spec.kinetic_energy.free_symbols:
+            raise InputError(
+                f"model {spec.name}: M is singular: the kinetic energy does not depend on the "
+                f"velocity {c.velocity.name} of coordinate {c.name}",
+                remedy=f"add what moves with {c.name} to the kinetic energy, or leave {c.name} out",
+                about=c.name,
+            )
+        if not (c.bound > 0.0 and c.rate_bound > 0.0):
+            raise InputError(
+                f"model {spec.name}: coordinate {c.name} has no domain: bound {c.bound:g}, "
+                f"rate_bound {c.rate_bound:g}",
+                remedy="give positive bounds",
+                about=c.name,
+            )
+
+
+def check_mass_matrix(spec: ModelSpec, mass: sp.Matrix) -> None:
+    """Raise `InputError` where M is singular at a point with nothing special about it.
+
+    The point has rational coordinates, so that the determinant is exact but for sines and cosines.
+    """
+    symbols = sorted(mass.free_symbols, key=lambda s: s.name)
+    point = {s: sp.Rational(sp.prime(k + 5), sp.prime(k + 6)) for k, s in enumerate(symbols)}
+    numbers = mass.subs(point).evalf(40)
+    scale = sp.Mul(*[max(abs(x) for x in numbers[i, :]) for i in range(mass.rows)])
+    if abs(numbers.det()) <= scale * sp.Float("1e-25"):
+        raise InputError(
+            f"model {spec.name}: M is singular: the kinetic energy does not hold all velocities "
+            f"apart",
+            remedy="leave out a coordinate that follows from the others, or add its inertia",
+            about="kinetic_energy",
+        )
+
+
+def line_about(text: str, about: str) -> int | None:
+    """Return the line of `text` that gives the field, or names the symbol, `about`."""
+    try:
+        nodes = list(ast.walk(ast.parse(text)))
+    except SyntaxError:
+        return None
+    fields = [n.value.lineno for n in nodes if isinstance(n, ast.keyword) and n.arg == about]
+    firsts = [n.args[0] for n in nodes if isinstance(n, ast.Call) and n.args]
+    names = [
+        a.lineno
+        for a in firsts
+        if isinstance(a, ast.Constant)
+        and isinstance(a.value, str)
+        and about in a.value.replace(",", " ").split()
+    ]
+    return min(fields or names, default=None)

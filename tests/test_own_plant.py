@@ -1,0 +1,171 @@
+"""docs/own-plant.md, word for word: its files, its commands, its figures and its bad input."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+from conftest import REPOSITORY
+
+DOC = (REPOSITORY / "docs" / "own-plant.md").read_text(encoding="utf-8")
+FILES = dict(
+    re.findall(r"`([\w/]+\.(?:py|toml))`\n\n```(?:python|toml)\n(.*?)```", DOC, flags=re.DOTALL)
+)
+COMMANDS = re.findall(r"```sh\n(.*?)```", DOC, flags=re.DOTALL)[0].splitlines()
+#: What the document prints after each command that it names in brackets.
+PRINTED = {
+    " ".join(command.split()): text
+    for command, text in re.findall(
+        r"\(`(pfaffian[^`]+)`\):\n\n```\n(.*?)```", DOC, flags=re.DOTALL
+    )
+}
+#: File, the lines that are changed, and the message, by what is wrong.
+BAD = {
+    what: (file, change.splitlines(), message)
+    for what, file, change, message in re.findall(
+        r"\n\n([A-Z][\w ]+), in `([\w.]+)`:\n\n```diff\n(.*?)```\n\n```console\n(.*?)```",
+        DOC,
+        flags=re.DOTALL,
+    )
+}
+
+
+@pytest.fixture
+def plant(workspace):
+    """Write the document's three files into an empty folder and go there."""
+    for name, text in FILES.items():
+        path = workspace / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return workspace
+
+
+def _command(line: str) -> list[str]:
+    first, *arguments = shlex.split(line)
+    assert first == "pfaffian"
+    return arguments
+
+
+def _flat(text: str) -> str:
+    return " ".join(text.split())
+
+
+def test_the_document_has_what_the_test_looks_for():
+    assert set(FILES) == {"ballbeam/spec.py", "ballbeam/bench.toml", "mine.toml"}
+    assert [c.split()[1] for c in COMMANDS] == ["derive", "generate", "verify", "simulate"]
+    assert len(FILES["ballbeam/spec.py"].splitlines()) <= 32
+    assert len(PRINTED) == 3
+    assert len(BAD) == 6
+
+
+@pytest.mark.target
+def test_the_commands_of_the_document_work_and_print_what_it_says(plant, run):
+    said = {}
+    for line in COMMANDS:
+        done = run(*_command(line))
+        assert done.code == 0, done.err
+        said[line] = _flat(re.sub(r"[^\x00-\x7f]", " ", done.out))
+    for command, text in PRINTED.items():
+        for shown in text.splitlines():
+            assert _flat(shown) in said[command]
+    verified = run(*_command(COMMANDS[2]), "--json").document()
+    assert verified["passed"]
+    assert verified["samples"] == 300
+    flown = run(*_command(COMMANDS[3]), "--json").document()
+    assert set(flown["status"]) == {"OK"}
+    assert flown["mae2_r"] < 1e-3
+    assert flown["mae2_theta"] < 1e-4
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_input_is_refused_as_the_document_says(what, plant, refused):
+    file, change, message = BAD[what]
+    old, new = (
+        "\n".join(line[1:] for line in change if line.startswith(sign)) for sign in ("-", "+")
+    )
+    path = plant / "ballbeam" / file
+    text = path.read_text(encoding="utf-8")
+    assert text.count(f"{old}\n") == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    first, *remedy = message.strip().split("\n  ")
+    first = _flat(first).removeprefix("error: ")
+    said = refused("generate", "./ballbeam", "-o", "out", says=(f"ballbeam/{file}",))
+    assert said.endswith(first)
+    assert not (plant / "out").exists()
+    assert remedy
+
+
+#: Further slips in the user's file: what is replaced, by what, and parts of the message. `{line}`
+#: is the line of what is replaced.
+SLIPS = {
+    "an energy that is no expression": (
+        "potential_energy=ball * g * centre[1]",
+        "potential_energy=[ball]",
+        "ballbeam/spec.py:{line}: model ballbeam: the potential energy is [ball_mass], no SymPy",
+    ),
+    "a velocity in the potential energy": (
+        "potential_energy=ball * g * centre[1]",
+        "potential_energy=ball * dr**2",
+        "ballbeam/spec.py:{line}: model ballbeam: the potential energy depends on the velocity dr",
+    ),
+    "a division by zero": (
+        "potential_energy=ball * g * centre[1]",
+        "potential_energy=ball * g * centre[1] / sp.S.Zero",
+        "ballbeam/spec.py:{line}: model ballbeam: the potential energy is not finite",
+    ),
+    "a function without code": (
+        "potential_energy=ball * g * centre[1]",
+        "potential_energy=ball * g * r * sp.asin(sp.sin(theta))",
+        "ballbeam/spec.py: no lowering for asin",
+    ),
+    "a name of the law": (
+        '"ball_radius", "m"',
+        '"kappa", "m"',
+        "ballbeam/spec.py:{line}: model ballbeam: the name kappa is declared 2 times",
+    ),
+    "a name of the generated code": (
+        '"ball_radius", "m"',
+        '"double", "m"',
+        "ballbeam/spec.py:{line}: model ballbeam: double is a name the generated code needs",
+    ),
+    "a unit that is none": (
+        '"ball_radius", "m"',
+        '"ball_radius", "metre per"',
+        "ballbeam/spec.py:{line}: model ballbeam: ball_radius has the unit 'metre per'",
+    ),
+    "a coordinate without a domain": (
+        '"position of the ball", bound=10',
+        '"position of the ball", bound=0',
+        "ballbeam/spec.py:{line}: model ballbeam: coordinate r has no domain",
+    ),
+    "an actuator on something else": (
+        'on={"theta": 1}',
+        'on={"thet": 1}',
+        "ballbeam/spec.py:{line}: model ballbeam: actuator tau acts on thet",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SLIPS)
+def test_other_slips_name_the_line_too(what, plant, refused):
+    right, wrong, says = SLIPS[what]
+    text = FILES["ballbeam/spec.py"]
+    assert text.count(right) == 1
+    line = text[: text.index(right)].count("\n") + 1
+    (plant / "ballbeam" / "spec.py").write_text(text.replace(right, wrong), encoding="utf-8")
+    if wrong.startswith(('"kappa', '"double')):
+        sets = plant / "ballbeam" / "bench.toml"
+        name = wrong.split('"')[1]
+        sets.write_text(sets.read_text().replace("ball_radius", name), encoding="utf-8")
+    refused("generate", "./ballbeam", "-o", "out", says=(says.format(line=line),))
+
+
+def test_velocities_that_only_appear_together_leave_the_mass_matrix_singular(plant, refused):
+    text = FILES["ballbeam/spec.py"]
+    start, end = text.index("kinetic_energy="), text.index("potential_energy=")
+    together = "kinetic_energy=ball * (dr + radius * dtheta) ** 2 / 2,\n        "
+    (plant / "ballbeam" / "spec.py").write_text(text[:start] + together + text[end:])
+    line = text[:start].count("\n") + 1
+    says = (f"ballbeam/spec.py:{line}: model ballbeam: M is singular",)
+    refused("derive", "./ballbeam", says=says)
