@@ -28,7 +28,7 @@ REFUSED = {
         'model = "pendubot"',
         'model = "triple_pendulum"',
         "no generated model triple_pendulum",
-        "known: pendubot",
+        "known: acrobot, cart_pole",
     ),
     "an unknown set": ('set = "sim"', 'set = "sam"', "has no parameter set sam", "mean sim?"),
     "a duration in metres": (
