@@ -70,7 +70,7 @@ def _parsed(links: str) -> list[int]:
 
 def _run(program: Program) -> tuple[int, dict[str, float]]:
     """Compile `program` for the PowerPC 750; return its instructions, and results at one point."""
-    from pfaffian.derive.emit.c import emit_function
+    from pfaffian.derive.emit.function import emit_function
     from pfaffian.runtime.machine import Ppc750Machine
     from pfaffian.runtime.toolchain import compile_image, ppc750_target
 

@@ -85,8 +85,6 @@ class ModelFolder:
     @contextmanager
     def blamed(self) -> Iterator[None]:
         """Let errors about this model name its file, and the line where it can be found."""
-        from pfaffian.derive.spec_check import line_about
-
         try:
             yield
         except NotImplementedError as error:
@@ -97,6 +95,8 @@ class ModelFolder:
         except InputError as error:
             if not error.message.startswith("model "):
                 raise
+            from pfaffian.derive.spec_check import line_about  # loads SymPy: only to explain
+
             text = self.spec_file.read_text(encoding="utf-8")
             line = next((n for a in error.about.split() if (n := line_about(text, a))), None)
             where = f"{self.spec_file}:{line}" if line else str(self.spec_file)

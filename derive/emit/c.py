@@ -5,12 +5,11 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 
-from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Op, Program, Signal
+from pfaffian.derive.program import Op, Program
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
 _WIDTH = 100
@@ -85,7 +84,7 @@ def _statement_lines(statement: Statement) -> list[str]:
     return above + _wrap(code)
 
 
-def _body(program: Program, sources: dict[str, str]) -> Body:
+def body_of(program: Program, sources: dict[str, str]) -> Body:
     """Return the body of `program`; `sources` maps each input group to its pointer."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     lines = []
@@ -155,7 +154,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     model = emission.model
     structures = structures_of(model)
     controller = {"input": "input", "state": "state", "prepared": "state", "parameter": "params"}
-    step = _body(model.program("step"), controller)
+    step = body_of(model.program("step"), controller)
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = {"input": "state", "torque": "input", "parameter": "params"}
     context: dict[str, object] = {
@@ -180,10 +179,10 @@ def emit_c(emission: Emission) -> dict[str, str]:
             step.results[s.name] for s in model.program("step").outputs if s.group != "flag"
         ],
         "next_state": [s.name for s in model.program("step").outputs if s.group == "next_state"],
-        "prepare": _body(model.program("prepare"), controller),
-        "continuous": _body(model.program("continuous"), controller),
-        "acceleration": _body(model.program("acceleration"), plant),
-        "energy": _body(model.program("energy"), plant),
+        "prepare": body_of(model.program("prepare"), controller),
+        "continuous": body_of(model.program("continuous"), controller),
+        "acceleration": body_of(model.program("acceleration"), plant),
+        "energy": body_of(model.program("energy"), plant),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
     texts = {"pf_elementary.h", "pf_elementary.c"}
@@ -203,36 +202,3 @@ def emit_c(emission: Emission) -> dict[str, str]:
     ):
         files[f"c/{path}"] = fill(f"c/{template}.j2", context)
     return files
-
-
-def emit_function(program: Program) -> dict[str, str]:
-    """Return `program` as one C function over arrays, with the elementary functions it calls.
-
-    `void NAME(const double in[], double out[])`; the order is that of the program's inputs and
-    outputs. It serves measurements, where no structures are wanted.
-    """
-    body = _body(program, dict.fromkeys(("input", "torque", "parameter"), "in"))
-    lines = [
-        line.replace(f"in->{signal.name};", f"in[{index}];")
-        for line in body.lines
-        for index, signal in [_source_of(line, program)]
-    ]
-    context: dict[str, object] = {
-        "name": program.name,
-        "inputs": len(program.inputs),
-        "outputs": len(program.outputs),
-        "lines": lines,
-        "results": list(body.results.values()),
-    }
-    elementary = {"header": "/* For a measurement. */", **render_context()}
-    files = {n: fill(f"c/{n}.j2", elementary) for n in ("pf_elementary.h", "pf_elementary.c")}
-    files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", {"header": "/* For a measurement. */"})
-    return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}
-
-
-def _source_of(line: str, program: Program) -> tuple[int, Signal]:
-    """Return which input a loading line takes; the first one for every other line."""
-    for index, signal in enumerate(program.inputs):
-        if line.endswith(f" = in->{signal.name};"):
-            return index, signal
-    return 0, program.inputs[0]
