@@ -69,13 +69,13 @@ def _scenario(
     params: Path | None,
     initial: str | None,
 ) -> Scenario:
-    """Return the scenario to certify; the first of the model's where none is named."""
+    """Return the scenario to certify; where none is named, one of the model that flies the set."""
     from pfaffian.derive.certificate.region import parse_point
     from pfaffian.runtime.scenario import read_scenario
 
     if set_name and params:
         raise InputError("--set and --params exclude each other", remedy="give one of them")
-    scenario = read_scenario(name or _first_scenario(source.name), set_name=set_name)
+    scenario = read_scenario(name or _first_scenario(source.name, set_name), set_name=set_name)
     manifest = scenario.folder.manifest
     if manifest.model != source.name:
         raise InputError(
@@ -95,17 +95,20 @@ def _scenario(
     return scenario
 
 
-def _first_scenario(model: str) -> str:
+def _first_scenario(model: str, set_name: str | None) -> str:
+    """Return the model's first scenario by name, of those that fly the set if one is named."""
     from pfaffian.runtime.documents import read_toml
     from pfaffian.runtime.scenario import scenario_paths
 
-    names = [n for n, p in scenario_paths().items() if read_toml(p).get("model") == model]
+    documents = {n: read_toml(p) for n, p in scenario_paths().items()}
+    names = [n for n, d in documents.items() if d.get("model") == model]
     if not names:
         raise InputError(
             f"no scenario of model {model} comes with this package",
             remedy="write one and name it with --scenario",
         )
-    return names[0]
+    flown = [n for n in names if documents[n].get("set") == set_name]
+    return (flown or names)[0]
 
 
 def _with_parameters(
