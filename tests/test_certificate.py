@@ -398,11 +398,3 @@ def test_more_than_one_actuator_is_refused(derivation):
     spec = derivation.spec
     with pytest.raises(InputError, match="one actuator"):
         uncertainty.require_one_actuator(replace(spec, actuators=spec.actuators * 2))
-
-
-@pytest.mark.parametrize(
-    ("chosen", "flown"), [("sim", "section-5.1-paper"), ("sim-designed", "section-5.1-designed")]
-)
-def test_where_no_scenario_is_named_one_that_flies_the_set_is_taken(chosen, flown, run):
-    done = run("certify", "pendubot", "--set", chosen, "--json")
-    assert json.loads(done.out)["scenario"] == flown
