@@ -17,9 +17,9 @@ from pfaffian.derive.spec import (
     Coordinate,
     Matrix,
     ModelSpec,
-    RobustLaw,
     ServoConstraint,
     StabilityCondition,
+    standard_law,
     symbol_of,
     symbols_of,
 )
@@ -107,16 +107,7 @@ class ModelBuilder:
             input_matrix=Matrix(self._input_matrix),
             uncertain_force=Matrix([_force(p, c) for c in self._coordinates]),
             constraint=self._constraint(p),
-            law=RobustLaw(
-                kappa=p.kappa,
-                epsilon=p.epsilon,
-                adaptation_rate=p.k1,
-                leakage_rate=p.k2,
-                initial_bound=p.bound_initial,
-                sample_time=p.sample_time,
-                limits=(p.torque_limit,),
-                singular_threshold=p.singular_threshold,
-            ),
+            law=standard_law(p, p.torque_limit),
             stability=stability,
         )
 

@@ -138,3 +138,20 @@ def _real(name: str) -> sp.Symbol:
 def symbols_of(parameters: Iterable[Parameter]) -> SimpleNamespace:
     """Return a namespace with one symbol a parameter, for writing a model down."""
     return SimpleNamespace(**{p.name: symbol_of(p) for p in parameters})
+
+
+def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
+    """Return the law whose gains have the names every model of this package uses.
+
+    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator.
+    """
+    return RobustLaw(
+        kappa=p.kappa,
+        epsilon=p.epsilon,
+        adaptation_rate=p.k1,
+        leakage_rate=p.k2,
+        initial_bound=p.bound_initial,
+        sample_time=p.sample_time,
+        limits=limits,
+        singular_threshold=p.singular_threshold,
+    )

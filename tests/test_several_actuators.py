@@ -115,8 +115,6 @@ def test_p1_follows_both_constraints_and_beta_contracts(code, host):
     before, after = np.sum(beta**2, axis=0), np.sum((beta + moved) ** 2, axis=0)
     assert (after <= before * (1.0 + 1e-12)).all()
     assert np.median(after / before) < 0.99
-    beyond = np.abs(pushed).max()
-    assert np.isfinite(beyond)
 
 
 @pytest.mark.target

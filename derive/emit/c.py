@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Op, Program
+from pfaffian.derive.program import Op, Program, Signal
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
 _WIDTH = 100
@@ -84,21 +85,26 @@ def _statement_lines(statement: Statement) -> list[str]:
     return above + _wrap(code)
 
 
-def body_of(program: Program, sources: dict[str, str]) -> Body:
-    """Return the body of `program`; `sources` maps each input group to its pointer."""
+def body_of(program: Program, member: Callable[[int, Signal], str]) -> Body:
+    """Return the body of `program`; `member` says where input number k is read from."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     lines = []
     for index, signal in enumerate(program.inputs):
         if index not in used:
             continue
-        member = f"{sources[signal.group]}->{signal.name}"
-        value = f"(({member} != 0U) ? 1.0 : 0.0)" if signal.name == "engaged" else member
+        place = member(index, signal)
+        value = f"(({place} != 0U) ? 1.0 : 0.0)" if signal.name == "engaged" else place
         lines.append(f"    const double {signal.name} = {value};")
     lines.append("")
     statements, results = statements_of(program, DIALECT)
     for statement in statements:
         lines += _statement_lines(statement)
     return Body(tuple(lines), results)
+
+
+def _pointers(**sources: str) -> Callable[[int, Signal], str]:
+    """Return a reader of structure members: each input group through its own pointer."""
+    return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
 
 
 def _member_lines(structure: Structure) -> list[str]:
@@ -153,10 +159,10 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     structures = structures_of(model)
-    controller = {"input": "input", "state": "state", "prepared": "state", "parameter": "params"}
+    controller = _pointers(input="input", state="state", prepared="state", parameter="params")
     step = body_of(model.program("step"), controller)
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
-    plant = {"input": "state", "torque": "input", "parameter": "params"}
+    plant = _pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
         "abi": ABI_VERSION,

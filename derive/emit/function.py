@@ -5,7 +5,7 @@ from __future__ import annotations
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.c import body_of
 from pfaffian.derive.emit.emitter import fill
-from pfaffian.derive.program import Program, Signal
+from pfaffian.derive.program import Program
 
 
 def emit_function(program: Program) -> dict[str, str]:
@@ -14,28 +14,15 @@ def emit_function(program: Program) -> dict[str, str]:
     `void NAME(const double in[], double out[])`; the order is that of the program's inputs and
     outputs. It serves measurements, where no structures are wanted.
     """
-    body = body_of(program, dict.fromkeys(("input", "torque", "parameter"), "in"))
-    lines = [
-        line.replace(f"in->{signal.name};", f"in[{index}];")
-        for line in body.lines
-        for index, signal in [_source_of(line, program)]
-    ]
+    body = body_of(program, lambda index, _: f"in[{index}]")
     context: dict[str, object] = {
         "name": program.name,
         "inputs": len(program.inputs),
         "outputs": len(program.outputs),
-        "lines": lines,
+        "lines": body.lines,
         "results": list(body.results.values()),
     }
     elementary = {"header": "/* For a measurement. */", **render_context()}
     files = {n: fill(f"c/{n}.j2", elementary) for n in ("pf_elementary.h", "pf_elementary.c")}
     files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", {"header": "/* For a measurement. */"})
     return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}
-
-
-def _source_of(line: str, program: Program) -> tuple[int, Signal]:
-    """Return which input a loading line takes; the first one for every other line."""
-    for index, signal in enumerate(program.inputs):
-        if line.endswith(f" = in->{signal.name};"):
-            return index, signal
-    return 0, program.inputs[0]

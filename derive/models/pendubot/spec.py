@@ -16,9 +16,9 @@ from pfaffian.derive.spec import (
     Coordinate,
     Matrix,
     ModelSpec,
-    RobustLaw,
     ServoConstraint,
     StabilityCondition,
+    standard_law,
     symbols_of,
 )
 
@@ -189,16 +189,7 @@ def model() -> ModelSpec:
             errors=Matrix([e1, e2]),
             setpoint=(p.q1d, p.q2d),
         ),
-        law=RobustLaw(
-            kappa=p.kappa,
-            epsilon=p.epsilon,
-            adaptation_rate=p.k1,
-            leakage_rate=p.k2,
-            initial_bound=p.bound_initial,
-            sample_time=p.sample_time,
-            limits=(p.torque_limit,),
-            singular_threshold=p.singular_threshold,
-        ),
+        law=standard_law(p, p.torque_limit),
         lumping=(
             (p.theta1, p.m1 * p.lc1**2 + p.m2 * p.l1**2 + p.I1),
             (p.theta2, p.m2 * p.lc2**2 + p.I2),

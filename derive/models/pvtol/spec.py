@@ -13,8 +13,8 @@ from pfaffian.derive.spec import (
     Coordinate,
     Matrix,
     ModelSpec,
-    RobustLaw,
     ServoConstraint,
+    standard_law,
     symbols_of,
 )
 
@@ -137,14 +137,5 @@ def model() -> ModelSpec:
             errors=Matrix([x - p.xd, y - p.yd, theta]),
             setpoint=(p.xd, p.yd, sp.S.Zero),
         ),
-        law=RobustLaw(
-            kappa=p.kappa,
-            epsilon=p.epsilon,
-            adaptation_rate=p.k1,
-            leakage_rate=p.k2,
-            initial_bound=p.bound_initial,
-            sample_time=p.sample_time,
-            limits=(p.thrust_limit, p.moment_limit),
-            singular_threshold=p.singular_threshold,
-        ),
+        law=standard_law(p, p.thrust_limit, p.moment_limit),
     )
