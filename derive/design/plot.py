@@ -100,9 +100,9 @@ def _mark(
         axes.annotate(
             name,
             (rate, distance * scale),
-            xytext=(-7, -5) if beaten else (7, 5),
+            xytext=(0, -8) if beaten else (7, 5),
             textcoords="offset points",
-            horizontalalignment="right" if beaten else "left",
+            horizontalalignment="center" if beaten else "left",
             verticalalignment="top" if beaten else "bottom",
             color=_INK,
             zorder=4,
