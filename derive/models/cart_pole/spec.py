@@ -13,7 +13,8 @@ def model() -> ModelSpec:
         "cart_pole",
         title="Cart-pole",
         source="A. G. Barto, R. S. Sutton, C. W. Anderson, Neuronlike adaptive elements that can "
-        "solve difficult learning control problems, IEEE Trans. SMC 13(5), 1983",
+        "solve difficult learning control problems, IEEE Trans. SMC 13(5), 834-846, 1983; the "
+        "servo-constraint has the library's standard form",
     )
     x, dx = m.coordinate("x", "m", "position of the cart", bound=1e3, rate_bound=1e3)
     theta, dtheta = m.coordinate(

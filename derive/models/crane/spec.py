@@ -13,7 +13,8 @@ def model() -> ModelSpec:
         "crane",
         title="Overhead crane",
         source="Y. Fang, W. E. Dixon, D. M. Dawson, E. Zergeroglu, Nonlinear coupling control laws "
-        "for an underactuated overhead crane system, IEEE/ASME Trans. Mechatronics 8(3), 2003",
+        "for an underactuated overhead crane system, IEEE/ASME Trans. Mechatronics 8(3), 418-423, "
+        "2003; the servo-constraint has the library's standard form",
     )
     x, dx = m.coordinate("x", "m", "position of the trolley", bound=1e3, rate_bound=1e3)
     theta, dtheta = m.coordinate(

@@ -111,7 +111,8 @@ def model() -> ModelSpec:
         name="pvtol",
         title="PVTOL aircraft",
         source="J. Hauser, S. Sastry, G. Meyer, Nonlinear control design for slightly "
-        "non-minimum phase systems: application to V/STOL aircraft, Automatica 28(4), 1992",
+        "non-minimum phase systems: application to V/STOL aircraft, Automatica 28(4), 665-679, "
+        "1992; the servo-constraints are the library's own",
         coordinates=coordinates,
         actuators=(
             Actuator("thrust", "N", "thrust along the body's vertical"),

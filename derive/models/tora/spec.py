@@ -13,7 +13,8 @@ def model() -> ModelSpec:
         "tora",
         title="Translational oscillator with a rotational actuator",
         source="R. T. Bupp, D. S. Bernstein, V. T. Coppola, A benchmark problem for nonlinear "
-        "control design, Int. J. Robust and Nonlinear Control 8(4-5), 1998",
+        "control design, Int. J. Robust and Nonlinear Control 8(4-5), 307-310, 1998; the "
+        "servo-constraint has the library's standard form",
     )
     x, dx = m.coordinate("x", "m", "position of the cart", bound=1e2, rate_bound=1e3)
     theta, dtheta = m.coordinate("theta", "rad", "angle of the arm", bound=1e4, rate_bound=1e4)

@@ -18,7 +18,8 @@ def model() -> ModelSpec:
         "two_wheeled",
         title="Two-wheeled self-balancing robot",
         source="Y. Yamamoto, NXTway-GS model-based design: control of self-balancing two-wheeled "
-        "robot built with LEGO Mindstorms NXT, 2008",
+        "robot built with LEGO Mindstorms NXT, 2008; the servo-constraint has the library's "
+        "standard form",
     )
     phi, dphi = m.coordinate("phi", "rad", "angle of the wheels", bound=1e4, rate_bound=1e3)
     psi, dpsi = m.coordinate("psi", "rad", "pitch from the upright", bound=1e4, rate_bound=1e3)
