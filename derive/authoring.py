@@ -1,17 +1,20 @@
-"""Writing a model down: a plant with one actuator in about thirty lines.
+"""Writing a model down: a plant in about thirty lines.
 
 The builder declares coordinates, parameters and the gains and limits that every control law of this
-package has, so that a specification holds only what is particular to the plant: its energies.
+package has, so that a specification holds only what is particular to the plant: its energies, and
+its servo-constraints where they are not the standard one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
 from pfaffian.derive.dimensions import force_unit, unit_product
 from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.residuals import holonomic, second_order
 from pfaffian.derive.spec import (
     Actuator,
     Coordinate,
@@ -28,6 +31,16 @@ from pfaffian.runtime.errors import InputError
 _LARGE = 1e4
 
 
+@dataclass(frozen=True)
+class _Residual:
+    """One servo-constraint: s, and its drift where that is not (2)."""
+
+    name: str
+    unit: str
+    value: sp.Expr
+    drift: sp.Expr | None = None
+
+
 class ModelBuilder:
     """Collects a plant and hands out its frozen `ModelSpec`."""
 
@@ -37,7 +50,11 @@ class ModelBuilder:
         self._coordinates: list[Coordinate] = []
         self._parameters: list[Parameter] = []
         self._actuators: list[Actuator] = []
-        self._input_matrix: list[sp.Expr] = []
+        self._columns: list[list[sp.Expr]] = []
+        self._own_gains: list[Parameter] = []
+        self._own_uncertain: list[Parameter] = []
+        self._own_friction: list[tuple[sp.Expr, sp.Expr]] = []
+        self._residuals: list[_Residual] = []
 
     def coordinate(
         self, name: str, unit: str, description: str, *, bound: float, rate_bound: float
@@ -55,8 +72,35 @@ class ModelBuilder:
         self._parameters.append(made)
         return symbol_of(made)
 
+    def uncertain(
+        self, name: str, unit: str, description: str, *, bound: float = 1e3, latex: str = ""
+    ) -> sp.Symbol:
+        """Declare a parameter of the uncertain force, zero unless given; return its symbol."""
+        made = Parameter(
+            name, unit, description, "uncertainty", -bound, bound, default=0.0, latex=latex
+        )
+        self._own_uncertain.append(made)
+        return symbol_of(made)
+
+    def friction(self, along: sp.Expr, force: sp.Expr) -> None:
+        """Add a force that takes the power `force` times the rate `along`, linear in q'.
+
+        `along` is q_i' for a joint, q_i' - q_j' between two bodies; `force`, any function of the
+        rate, stands on the left-hand side of (1). With friction of its own a plant does not get
+        the standard load, viscous and Coulomb friction on each coordinate.
+        """
+        self._own_friction.append((sp.sympify(along), sp.sympify(force)))
+
+    def gain(
+        self, name: str, unit: str, description: str, *, bound: float = _LARGE, latex: str = ""
+    ) -> sp.Symbol:
+        """Declare a gain of the servo-constraint, within +-`bound`, and return its symbol."""
+        made = Parameter(name, unit, description, "synthesised", -bound, bound, latex=latex)
+        self._own_gains.append(made)
+        return symbol_of(made)
+
     def actuator(self, name: str, unit: str, description: str, on: Mapping[str, sp.Expr]) -> None:
-        """Declare the actuator; `on` gives its generalised force on each coordinate by name."""
+        """Declare an actuator; `on` gives its generalised force on each coordinate by name."""
         self._actuators.append(Actuator(name, unit, description))
         unknown = sorted(set(on) - {c.name for c in self._coordinates})
         if unknown:
@@ -64,7 +108,32 @@ class ModelBuilder:
                 f"model {self._name}: actuator {name} acts on {unknown[0]}, which is no coordinate",
                 remedy="declare the coordinates before the actuator",
             )
-        self._input_matrix = [sp.sympify(on.get(c.name, 0)) for c in self._coordinates]
+        self._columns.append([sp.sympify(on.get(c.name, 0)) for c in self._coordinates])
+
+    def first_order(self, name: str, unit: str, residual: sp.Expr) -> None:
+        """Add the servo-constraint s(q, q', t) = 0, its residual s in `unit`."""
+        self._residuals.append(_Residual(name, unit, sp.sympify(residual)))
+
+    def holonomic(self, name: str, unit: str, phi: sp.Expr, rate: sp.Expr) -> None:
+        """Add phi(q, t) = 0, phi in `unit`, approached at `rate` in 1/s: s = phi' + rate phi."""
+        residual = holonomic(sp.sympify(phi), sp.sympify(rate), self._coordinates)
+        self.first_order(name, unit_product((unit, 1), ("s", -1)), residual)
+
+    def second_order(self, name: str, unit: str, psi: sp.Expr) -> None:
+        """Add psi = A(q, q', t) q'' - b(q, q', t) = 0, psi in `unit`, written in accelerations."""
+        residual, drift = second_order(sp.sympify(psi), self._coordinates)
+        made = _Residual(name, unit_product((unit, 1), ("s", 1)), residual, drift)
+        self._residuals.append(made)
+
+    def acceleration(self, coordinate: sp.Symbol) -> sp.Symbol:
+        """Return the symbol of q'' of a declared coordinate, for second-order constraints."""
+        found = [c for c in self._coordinates if c.position == coordinate]
+        if not found:
+            raise InputError(
+                f"model {self._name}: {coordinate} is no coordinate",
+                remedy="declare it before its acceleration is used",
+            )
+        return found[0].acceleration
 
     def build(
         self,
@@ -72,20 +141,29 @@ class ModelBuilder:
         kinetic_energy: sp.Expr,
         potential_energy: sp.Expr,
         stability: tuple[StabilityCondition, ...] = (),
+        errors: Mapping[str, sp.Expr] | None = None,
         force_bound: float = _LARGE,
     ) -> ModelSpec:
-        """Return the specification, with the constraint s = sum_i w_i (q_i' + r_i e_i).
+        """Return the specification.
 
-        The weight w of the last coordinate is 1; the others and the rates r are the gains that
-        wanted zero-dynamics poles determine: `weight_q`, `rate_q`. The setpoint of q is `qd`.
+        Without constraints of its own, a plant with one actuator gets s = sum_i w_i (q_i' + r_i
+        e_i). The weight w of the last coordinate is 1; the others and the rates r are the gains
+        that wanted zero-dynamics poles determine: `weight_q`, `rate_q`. The setpoint of q is `qd`;
+        `errors` replaces e = q - qd by coordinate, for a reference that moves.
         """
         if not self._actuators:
             raise InputError(
                 f"model {self._name}: no actuator is declared",
                 remedy="declare it before build, with the coordinates it acts on",
             )
-        friction = [_friction(c) for c in self._coordinates]
-        gains = self._gains()
+        if not self._residuals and len(self._actuators) > 1:
+            raise InputError(
+                f"model {self._name}: {len(self._actuators)} actuators and no servo-constraint",
+                remedy="add one for each: first_order, holonomic or second_order",
+            )
+        own = bool(self._own_friction)
+        friction = () if own else tuple(_friction(c) for c in self._coordinates)
+        gains = tuple(self._own_gains) if self._residuals else self._gains()
         law = self._law(force_bound)
         parameters = (
             *self._parameters,
@@ -93,6 +171,7 @@ class ModelBuilder:
             *law,
             *self._setpoints(),
             *(p for f in friction for p in f),
+            *self._own_uncertain,
         )
         p = symbols_of(parameters)
         return ModelSpec(
@@ -104,15 +183,28 @@ class ModelBuilder:
             parameters=parameters,
             kinetic_energy=sp.sympify(kinetic_energy),
             potential_energy=sp.sympify(potential_energy),
-            input_matrix=Matrix(self._input_matrix),
-            uncertain_force=Matrix([_force(p, c) for c in self._coordinates]),
-            constraint=self._constraint(p),
-            law=standard_law(p, p.torque_limit),
+            input_matrix=Matrix(self._columns).T,
+            uncertain_force=Matrix(
+                [self._own_force(c) if own else _force(p, c) for c in self._coordinates]
+            ),
+            constraint=self._constraint(p, dict(errors or {})),
+            law=standard_law(p, *(getattr(p, name) for name in self._limit_names())),
             stability=stability,
         )
 
+    def _own_force(self, coordinate: Coordinate) -> sp.Expr:
+        rate = coordinate.velocity
+        return sp.Add(*(force * along.diff(rate) for along, force in self._own_friction))
+
     def _residual_unit(self) -> str:
+        if self._residuals:
+            return self._residuals[0].unit
         return f"{self._coordinates[-1].unit}/s"
+
+    def _limit_names(self) -> tuple[str, ...]:
+        if len(self._actuators) == 1:
+            return ("torque_limit",)
+        return tuple(f"{a.name}_limit" for a in self._actuators)
 
     def _gains(self) -> tuple[Parameter, ...]:
         last = self._coordinates[-1]
@@ -167,7 +259,7 @@ class ModelBuilder:
         ) -> Parameter:
             return Parameter(name, unit, text, group, lower, upper, opened, latex=latex)
 
-        return (
+        drift = (
             row("sigma", "1/s", "decay rate of the servo-constraint, (2)", latex="\\varsigma"),
             row(
                 "eta",
@@ -176,6 +268,10 @@ class ModelBuilder:
                 opened=False,
                 latex="\\eta",
             ),
+        )
+        stabilised = not self._residuals or any(r.drift is None for r in self._residuals)
+        return (
+            *(drift if stabilised else ()),
             row(
                 "kappa", unit_product((force, 1), (scaled, -1)), "gain of p2, (18)", latex="\\kappa"
             ),
@@ -210,18 +306,25 @@ class ModelBuilder:
                 upper=1.0,
                 latex="T",
             ),
-            row(
-                "torque_limit",
-                force,
-                "largest force or torque commanded",
-                group="target",
-                upper=force_bound,
-                latex="\\tau_{\\max}",
+            *(
+                row(
+                    name,
+                    actuator.unit,
+                    f"largest {actuator.name} commanded"
+                    if len(self._actuators) > 1
+                    else "largest force or torque commanded",
+                    group="target",
+                    upper=force_bound,
+                    latex="\\tau_{\\max}" if len(self._actuators) == 1 else "",
+                )
+                for name, actuator in zip(self._limit_names(), self._actuators, strict=True)
             ),
             row(
                 "singular_threshold",
-                gain,
-                "least |ADB| the law divides by",
+                self._determinant_unit(),
+                "least |ADB| the law divides by"
+                if len(self._actuators) == 1
+                else "least |det ADB| the law divides by",
                 1e-9,
                 "target",
                 opened=False,
@@ -229,22 +332,46 @@ class ModelBuilder:
             ),
         )
 
-    def _constraint(self, p: SimpleNamespace) -> ServoConstraint:
-        errors = [c.position - getattr(p, f"{c.name}d") for c in self._coordinates]
-        weights = [*(getattr(p, f"weight_{c.name}") for c in self._coordinates[:-1]), sp.S.One]
-        residual = sum(
-            w * (c.velocity + getattr(p, f"rate_{c.name}") * e)
-            for w, c, e in zip(weights, self._coordinates, errors, strict=True)
+    def _determinant_unit(self) -> str:
+        residuals = [r.unit for r in self._residuals] or [self._residual_unit()]
+        pairs = zip(residuals, self._actuators, strict=False)
+        return unit_product(
+            *(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1)))
         )
-        s = sp.Symbol("s", real=True)
+
+    def _constraint(self, p: SimpleNamespace, own: dict[str, sp.Expr]) -> ServoConstraint:
+        unknown = sorted(set(own) - {c.name for c in self._coordinates})
+        if unknown:
+            raise InputError(
+                f"model {self._name}: an error is given for {unknown[0]}, which is no coordinate",
+                remedy="name errors by their coordinates",
+            )
+        errors = [
+            sp.sympify(own.get(c.name, c.position - getattr(p, f"{c.name}d")))
+            for c in self._coordinates
+        ]
+        residuals = self._residuals or [self._standard_residual(p, errors)]
+        symbols = [sp.Symbol(r.name, real=True) for r in residuals]
+        drift = [
+            p.sigma * s + 2 * p.eta / sp.pi * sp.atan(s) if r.drift is None else r.drift
+            for r, s in zip(residuals, symbols, strict=True)
+        ]
         return ServoConstraint(
-            residual=Matrix([residual]),
-            residual_symbols=(s,),
-            residual_units=(self._residual_unit(),),
-            drift=Matrix([p.sigma * s + 2 * p.eta / sp.pi * sp.atan(s)]),
+            residual=Matrix([r.value for r in residuals]),
+            residual_symbols=tuple(symbols),
+            residual_units=tuple(r.unit for r in residuals),
+            drift=Matrix(drift),
             errors=Matrix(errors),
             setpoint=tuple(getattr(p, f"{c.name}d") for c in self._coordinates),
         )
+
+    def _standard_residual(self, p: SimpleNamespace, errors: list[sp.Expr]) -> _Residual:
+        weights = [*(getattr(p, f"weight_{c.name}") for c in self._coordinates[:-1]), sp.S.One]
+        value = sum(
+            w * (c.velocity + getattr(p, f"rate_{c.name}") * e)
+            for w, c, e in zip(weights, self._coordinates, errors, strict=True)
+        )
+        return _Residual("s", self._residual_unit(), value)
 
 
 def _friction(coordinate: Coordinate) -> tuple[Parameter, ...]:

@@ -72,6 +72,14 @@ class BlockBuilder:
         self._definitions.append(Definition(symbol, expression, unit, description))
         return symbol
 
+    def unused(self, base: str, expression: sp.Basic) -> str:
+        """Return `base` with the first number that is free, or already holds `expression`."""
+        taken = {d.symbol.name: d.expression for d in self._definitions}
+        number = 1
+        while taken.get(f"{base}{number}", expression) != expression:
+            number += 1
+        return f"{base}{number}"
+
     def give(
         self, name: str, value: sp.Basic, unit: str, description: str, group: str = "output"
     ) -> None:

@@ -14,7 +14,9 @@ from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.dimensions import force_unit, unit_product
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.spec import ModelSpec, symbol_of
+from pfaffian.derive.linear_solve import SMALL, MassSolver
+from pfaffian.derive.residuals import time_derivative
+from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,12 @@ def real(name: str) -> sp.Symbol:
 
 
 def take_measurement(builder: BlockBuilder, spec: ModelSpec) -> None:
-    """Declare q and q' as inputs."""
+    """Declare q and q' as inputs, and the time, which only a time-varying constraint reads."""
     for c in spec.coordinates:
         builder.take(c.position, c.unit, c.description, "input")
     for c in spec.coordinates:
         builder.take(c.velocity, f"{c.unit}/s", f"rate of {c.name}", "input")
+    builder.take(TIME, "s", "time of the constraint", "input")
 
 
 def take_parameters(builder: BlockBuilder, spec: ModelSpec, *groups: str) -> None:
@@ -88,10 +91,7 @@ def define_trigonometry(
     for function in found:
         argument = function.args[0]
         if argument not in known and not argument.is_Symbol:
-            words = "_plus_".join(sorted(s.name for s in argument.free_symbols))
-            plain = argument == sum(argument.free_symbols)
-            name = words if plain else f"angle{len(known) + 1}"
-            known[argument] = builder.define(name, argument, "angle", "rad")
+            known[argument] = builder.define(_angle_name(builder, argument), argument, "angle")
         angle = known.get(argument, argument)
         known[function] = builder.define(
             f"{function.func.__name__}_{angle.name}", function.func(angle), ""
@@ -99,33 +99,42 @@ def define_trigonometry(
     return known
 
 
+def _angle_name(builder: BlockBuilder, angle: sp.Expr) -> str:
+    """Return `q1_plus_q2`, `q1_minus_q2`, or where that says too little `angle1`, `angle2`, ..."""
+    terms = angle.as_coefficients_dict()
+    if all(t.is_Symbol and abs(c) == 1 for t, c in terms.items()):
+        plus = sorted(t.name for t, c in terms.items() if c == 1)
+        minus = sorted(t.name for t, c in terms.items() if c == -1)
+        return "_minus_".join(["_plus_".join(plus), *minus]).lstrip("_")
+    return builder.unused("angle", angle)
+
+
 def define_dynamics(
     builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics
-) -> tuple[sp.Matrix, sp.Symbol, sp.Matrix]:
-    """Define M, det M and the bias h = C q' + G; return (M, det M, h) in the names defined."""
+) -> tuple[sp.Matrix, MassSolver, sp.Matrix]:
+    """Define M and the bias h = C q' + G; return (M, what solves with M, h) in those names."""
     n = len(spec.coordinates)
     units = [c.unit for c in spec.coordinates]
-    raw = dynamics.coriolis_matrix * sp.Matrix(spec.velocities) + dynamics.gravity
+    raw = dynamics.coriolis_force + dynamics.gravity
     named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
     mass = sp.zeros(n, n)
     for i in range(n):
         for j in range(i, n):
+            if dynamics.mass_matrix[i, j] == 0 and n > SMALL:
+                continue  # a zero stays one, and the factorisation makes use of it
             mass[i, j] = mass[j, i] = builder.define(
                 f"m{i + 1}{j + 1}",
                 dynamics.mass_matrix[i, j].xreplace(named),
                 "mass matrix, (1)",
                 unit_product(("J*s^2", 1), (units[i], -1), (units[j], -1)),
             )
-    # Expanded in the parameters: the products of entries cancel most of each other's digits.
-    expanded = sp.expand(dynamics.mass_matrix.det()).xreplace(named)
-    det = builder.define("det_m", expanded, "determinant of the mass matrix")
     names = [
         builder.define(
             f"bias{i + 1}", raw[i].xreplace(named), "row of C q' + G, (1)", force_unit(units[i])
         )
         for i in range(n)
     ]
-    return mass, det, sp.Matrix(names)
+    return mass, MassSolver(builder, mass, dynamics, named), sp.Matrix(names)
 
 
 def define_shared(
@@ -137,42 +146,47 @@ def define_shared(
         builder.define(f"e{i + 1}", e, "error, (4)", spec.coordinates[i].unit)
         for i, e in enumerate(spec.constraint.errors)
     ]
-    named = dict(zip(spec.constraint.errors, errors, strict=True))
+    free_motion = constraint.free_motion
+    named = define_trigonometry(
+        builder, [*constraint.residual, *constraint.drift, *constraint.jacobian, *free_motion]
+    )
+    named |= dict(zip(spec.constraint.errors, errors, strict=True))
     s, drift = _define_residuals(builder, spec, constraint, named)
-    mass, det, bias = define_dynamics(builder, spec, dynamics)
-    rows = constraint.jacobian * mass.adjugate() / det
-    ad = sp.Matrix(
-        [
-            [
-                builder.define(
-                    f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}",
-                    rows[r, i],
-                    "entry of A D, D = M^-1",
-                    unit_product(
-                        (units.residuals[r], 1),
-                        ("s", -1),
-                        (force_unit(spec.coordinates[i].unit), -1),
-                    ),
-                )
-                for i in range(len(spec.coordinates))
-            ]
-            for r in range(m)
-        ]
-    )
+    _, solver, bias = define_dynamics(builder, spec, dynamics)
+    ad = _define_constraint_rows(builder, spec, solver, constraint.jacobian.xreplace(named))
     adb, adb_det = _define_input_gain(builder, dynamics, ad, units)
-    free_motion = constraint.residual.jacobian(sp.Matrix(spec.positions)) * sp.Matrix(
-        spec.velocities
-    )
     demand = []
     for r, (b, d) in enumerate(zip(numbered("b", m), numbered("demand", m), strict=True)):
         right = builder.define(
-            b, -free_motion[r] - drift[r], "right-hand side of A q'' = b, (7)", units.drifts[r]
+            b,
+            -free_motion[r].xreplace(named) - drift[r],
+            "right-hand side of A q'' = b, (7)",
+            units.drifts[r],
         )
         demand.append(
             builder.define(d, right + (ad[r, :] * bias)[0], "b + A D (C q' + G)", units.drifts[r])
         )
-    regressor = _define_regressor(builder, spec, errors)
+    regressor = _define_regressor(builder, spec, errors, named)
     return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
+
+
+def _define_constraint_rows(
+    builder: BlockBuilder, spec: ModelSpec, solver: MassSolver, jacobian: sp.Matrix
+) -> sp.Matrix:
+    """Define the entries of A D (m, n), D = M^-1."""
+    units, m = LawUnits(spec), jacobian.rows
+    forces = [force_unit(c.unit) for c in spec.coordinates]
+    return sp.Matrix(
+        [
+            solver.define_row(
+                jacobian[r, :],
+                "ad" if m == 1 else f"ad{r + 1}",
+                "entry of A D, D = M^-1",
+                [unit_product((units.residuals[r], 1), ("s", -1), (f, -1)) for f in forces],
+            )
+            for r in range(m)
+        ]
+    )
 
 
 def _define_residuals(
@@ -191,7 +205,9 @@ def _define_residuals(
     )
     given = dict(zip(spec.constraint.residual_symbols, s, strict=True))
     drift = tuple(
-        builder.define(name, row.subs(given), "sigma s + (2 eta/pi) arctan s, (2)", unit)
+        builder.define(
+            name, row.subs(given).xreplace(named), "sigma s + (2 eta/pi) arctan s, (2)", unit
+        )
         for name, row, unit in zip(
             numbered("drift", m), spec.constraint.drift, units.drifts, strict=True
         )
@@ -219,15 +235,21 @@ def _define_input_gain(
     return gain, builder.define("adb", gain.det(), "determinant of ADB, (10)", units.adb_det)
 
 
-def _define_regressor(builder: BlockBuilder, spec: ModelSpec, errors: list[sp.Symbol]) -> sp.Symbol:
+def _define_regressor(
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    errors: list[sp.Symbol],
+    named: dict[sp.Basic, sp.Symbol],
+) -> sp.Symbol:
     """Define Pi = (|e'| + 1)^2 + (|e| + 1)^2.
 
     It adds unlike units where the coordinates have different ones, as (47) does in any case.
     """
     kinds = {c.unit for c in spec.coordinates}
     motion = kinds.pop() if len(kinds) == 1 else ""
+    rates = [time_derivative(e, spec.coordinates).xreplace(named) for e in spec.constraint.errors]
     speed = builder.define(
-        "speed", sp.sqrt(sum(v**2 for v in spec.velocities)), "|e'|", motion and f"{motion}/s"
+        "speed", sp.sqrt(sum(v**2 for v in rates)), "|e'|", motion and f"{motion}/s"
     )
     distance = builder.define("distance", sp.sqrt(sum(e**2 for e in errors)), "|e|", motion)
     return builder.define("regressor", (speed + 1) ** 2 + (distance + 1) ** 2, "Pi, (47)")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
-from pfaffian.derive.constraint import Constraint, servo_constraint
+from pfaffian.derive.constraint import Constraint, check_input_gain, servo_constraint
 from pfaffian.derive.continuous_law import continuous_law
 from pfaffian.derive.control_terms import (
     LawUnits,
@@ -18,14 +18,14 @@ from pfaffian.derive.control_terms import (
 from pfaffian.derive.dimensions import dimension_of, force_unit
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
+from pfaffian.derive.linear_solve import SMALL, define_factors
 from pfaffian.derive.linearisation import linearisation_blocks
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.sampled_law import prepared_values, sampled_law
-from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
+from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
-
 
 @dataclass(frozen=True)
 class Decomposition:
@@ -62,15 +62,13 @@ def derive(spec: ModelSpec) -> Derivation:
     check_dimensions(spec)
     dynamics = lagrangian_dynamics(spec)
     constraint = servo_constraint(spec)
+    check_input_gain(spec, dynamics, constraint)
     zeros = zero_dynamics(spec, dynamics, constraint)
-    ad = constraint.jacobian * dynamics.mass_matrix.adjugate()
-    scaled, det = ad * dynamics.input_matrix, sp.expand(dynamics.mass_matrix.det())
-    input_gain = sp.factor(trigonometric_sum(scaled.det())) / det**scaled.rows
     return Derivation(
         spec=spec,
         dynamics=dynamics,
         constraint=constraint,
-        input_gain=input_gain,
+        input_gain=_input_gain_expression(dynamics, constraint),
         decomposition=_decompose(dynamics, constraint),
         zero_dynamics=zeros,
         identities=prove_identities(spec, dynamics, constraint),
@@ -81,7 +79,7 @@ def derive(spec: ModelSpec) -> Derivation:
             _acceleration(spec, dynamics),
             _energy(spec, dynamics),
             _input_gain(spec, dynamics, constraint),
-            *_design_blocks(spec, dynamics, zeros),
+            *_design_blocks(spec, dynamics, constraint, zeros),
             *linearisation_blocks(spec, dynamics, constraint),
         ),
     )
@@ -115,11 +113,31 @@ def check_dimensions(spec: ModelSpec) -> None:
             )
 
 
+def _constraint_rows(dynamics: Dynamics, constraint: Constraint) -> tuple[sp.Matrix, sp.Expr]:
+    """Return (R, d) with A D = R/d: written out for a small M, else in the names ad11, ...
+
+    Written out, the adjugate of a larger mass matrix fills pages that nobody reads.
+    """
+    m, n = constraint.jacobian.shape
+    if n <= SMALL or dynamics.mass_matrix.is_diagonal():
+        adjugate = dynamics.mass_matrix.adjugate()
+        return constraint.jacobian * adjugate, sp.expand(dynamics.mass_matrix.det())
+    names = [f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}" for r in range(m) for i in range(n)]
+    return sp.Matrix(m, n, [sp.Symbol(name, real=True) for name in names]), sp.S.One
+
+
+def _input_gain_expression(dynamics: Dynamics, constraint: Constraint) -> sp.Expr:
+    rows, det = _constraint_rows(dynamics, constraint)
+    scaled = rows * dynamics.input_matrix
+    return sp.factor(trigonometric_sum(scaled.det())) / det**scaled.rows
+
+
 def _decompose(dynamics: Dynamics, constraint: Constraint) -> Decomposition:
     n = dynamics.mass_matrix.rows
     force = Matrix(sp.symbols(f"f1:{n + 1}", real=True))
-    ad = constraint.jacobian * dynamics.mass_matrix.adjugate()
-    matched = ((ad * dynamics.input_matrix).inv() * ad * force).applyfunc(sp.factor)
+    rows, _ = _constraint_rows(dynamics, constraint)
+    gain = rows * dynamics.input_matrix
+    matched = (gain.adjugate() * rows * force / gain.det()).applyfunc(sp.factor)
     mismatched = (force - dynamics.input_matrix * matched).applyfunc(sp.factor)
     return Decomposition(force, Matrix(matched), Matrix(mismatched))
 
@@ -135,21 +153,18 @@ def _acceleration(spec: ModelSpec, dynamics: Dynamics) -> Block:
         ]
     )
     take_parameters(builder, spec, "lumped", "plant", "uncertainty")
-    mass, det, bias = define_dynamics(builder, spec, dynamics)
+    _, solver, bias = define_dynamics(builder, spec, dynamics)
     applied = dynamics.input_matrix * torques - bias - dynamics.uncertain_force
-    forces = sp.Matrix(
-        [
-            builder.define(
-                f"force{i + 1}",
-                applied[i],
-                "row of B tau - C q' - G - F",
-                force_unit(spec.coordinates[i].unit),
-            )
-            for i in range(len(spec.coordinates))
-        ]
-    )
-    for c, row in zip(spec.coordinates, mass.adjugate() * forces, strict=True):
-        builder.give(f"dd{c.name}", row / det, f"{c.unit}/s^2", f"acceleration of {c.name}")
+    forces = [
+        builder.define(
+            f"force{i + 1}", applied[i], "row of B tau - C q' - G - F", force_unit(c.unit)
+        )
+        for i, c in enumerate(spec.coordinates)
+    ]
+    units = [f"{c.unit}/s^2" for c in spec.coordinates]
+    solved = solver.define_solution(sp.Matrix(forces), "solved", "acceleration", units)
+    for c, unit, value in zip(spec.coordinates, units, solved, strict=True):
+        builder.give(f"dd{c.name}", value, unit, f"acceleration of {c.name}")
     return builder.build()
 
 
@@ -170,16 +185,21 @@ def _input_gain(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     builder = BlockBuilder("input_gain", f"{spec.title}: ADB, (10)")
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant", "synthesised")
-    mass, det, _ = define_dynamics(builder, spec, dynamics)
-    scaled = constraint.jacobian * mass.adjugate() * dynamics.input_matrix
-    units, single = LawUnits(spec), scaled.rows == 1
-    adb = scaled[0] / det if single else scaled.det() / det**scaled.rows
-    text = "input gain of the constraint, (10)" if single else "determinant of ADB, (10)"
-    builder.give("adb", adb, units.adb if single else units.adb_det, text)
+    _, solver, _ = define_dynamics(builder, spec, dynamics)
+    units, m = LawUnits(spec), constraint.jacobian.rows
+    rows = [
+        solver.define_row(constraint.jacobian[r, :], f"row{r + 1}_", "", [""] * len(spec.positions))
+        for r in range(m)
+    ]
+    gain = sp.Matrix(rows) * dynamics.input_matrix
+    text = "input gain of the constraint, (10)" if m == 1 else "determinant of ADB, (10)"
+    builder.give("adb", gain.det(), units.adb if m == 1 else units.adb_det, text)
     return builder.build()
 
 
-def _design_blocks(spec: ModelSpec, dynamics: Dynamics, zeros: ZeroDynamics) -> tuple[Block, ...]:
+def _design_blocks(
+    spec: ModelSpec, dynamics: Dynamics, constraint: Constraint, zeros: ZeroDynamics
+) -> tuple[Block, ...]:
     """Blocks that judge a parameter set: they are evaluated when one is read, never emitted."""
     return tuple(
         block
@@ -188,6 +208,7 @@ def _design_blocks(spec: ModelSpec, dynamics: Dynamics, zeros: ZeroDynamics) -> 
             _setpoint(spec),
             _minors(spec, dynamics),
             _rest_force(spec, dynamics),
+            _rest_constraint(spec, constraint),
             _polynomial(spec, zeros),
             _synthesis(spec, zeros),
             _conditions(spec),
@@ -217,11 +238,19 @@ def _setpoint(spec: ModelSpec) -> Block:
 
 
 def _minors(spec: ModelSpec, dynamics: Dynamics) -> Block:
-    builder = BlockBuilder("mass_minors", f"{spec.title}: leading principal minors of M")
+    """Give the leading minors of M, or its pivots: all positive where M is positive definite."""
+    builder = BlockBuilder("mass_minors", f"{spec.title}: minors or pivots of M")
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
-    for k in range(1, len(spec.coordinates) + 1):
-        builder.give(f"minor{k}", dynamics.mass_matrix[:k, :k].det(), "", f"minor of order {k}")
+    n = len(spec.coordinates)
+    if n <= SMALL:
+        for k in range(1, n + 1):
+            builder.give(f"minor{k}", dynamics.mass_matrix[:k, :k].det(), "", f"minor of order {k}")
+        return builder.build()
+    named = define_trigonometry(builder, list(dynamics.mass_matrix))
+    define_factors(builder, dynamics.mass_matrix.xreplace(named))
+    for k in range(1, n + 1):
+        builder.give(f"pivot{k}", sp.Symbol(f"pivot{k}", real=True), "", f"pivot of row {k}")
     return builder.build()
 
 
@@ -239,9 +268,35 @@ def _rest_force(spec: ModelSpec, dynamics: Dynamics) -> Block:
     return builder.build()
 
 
+def _rest_constraint(spec: ModelSpec, constraint: Constraint) -> Block | None:
+    """s and b at the setpoint at rest: zero where the constraint can stay there.
+
+    There is none where they are zero in any case, as with a residual written in the errors, or
+    vary with the time.
+    """
+    builder = BlockBuilder("rest_constraint", f"{spec.title}: servo-constraint at the setpoint")
+    take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
+    at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
+    at_rest |= dict.fromkeys(spec.velocities, sp.S.Zero)
+    units, rows = LawUnits(spec), []
+    for r, symbol in enumerate(spec.constraint.residual_symbols):
+        b_text = f"the right-hand side of {symbol.name}'s A q'' = b"
+        rows += [
+            (constraint.residual[r], units.residuals[r], f"the residual {symbol.name}"),
+            (constraint.acceleration[r], units.drifts[r], b_text),
+        ]
+    left = [(value.subs(at_rest), unit, text) for value, unit, text in rows]
+    left = [row for row in left if row[0] != 0 and TIME not in row[0].free_symbols]
+    for k, (value, unit, text) in enumerate(left):
+        builder.give(f"rest{k + 1}", value, unit, text)
+    return builder.build() if left else None
+
+
 def _polynomial(spec: ModelSpec, zeros: ZeroDynamics) -> Block:
     builder = BlockBuilder("zero_polynomial", f"{spec.title}: zero dynamics at the setpoint")
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "uncertainty")
+    for symbol, entry in zeros.entries:
+        builder.define(symbol.name, entry, "entry of the linearisation")
     degree = len(zeros.coefficients) - 1
     for k, coefficient in enumerate(zeros.coefficients):
         builder.give(f"a{degree - k}", coefficient, "", f"coefficient of p^{degree - k}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
+from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.normal_form import is_zero, zero_matrix
 from pfaffian.derive.spec import ModelSpec
 
@@ -40,16 +41,18 @@ def prove_identities(
         + (gravity.T * dq)[0]
         - (dq.T * dynamics.input_matrix * tau)[0]
     )
-    ad = constraint.jacobian * mass.adjugate() / mass.det()
+    ad = _constraint_rows(mass, constraint)
     adb = ad * dynamics.input_matrix
     force = sp.Matrix(sp.symbols(f"f1:{len(q) + 1}", real=True))
     # Not adb.inv(): its search for a pivot that is not zero costs more than all the proofs.
     inverse = adb.adjugate() / adb.det()
     matched = inverse * ad * force
     mismatched = force - dynamics.input_matrix * matched
-    bias = coriolis * dq + gravity
-    nominal = inverse * (constraint.acceleration + ad * bias)
-    followed = ad * (dynamics.input_matrix * nominal - bias) - constraint.acceleration
+    # What is multiplied by AD here is any vector: as symbols the proof is shorter, and as good.
+    bias = sp.Matrix(sp.symbols(f"h1:{len(q) + 1}", real=True))
+    right = sp.Matrix(sp.symbols(f"b1:{len(tau) + 1}", real=True))
+    nominal = inverse * (right + ad * bias)
+    followed = ad * (dynamics.input_matrix * nominal - bias) - right
     return (
         Identity("M is symmetric", "M = M^T", zero_matrix(mass - mass.T)),
         Identity(
@@ -76,3 +79,14 @@ def prove_identities(
             zero_matrix(followed),
         ),
     )
+
+
+def _constraint_rows(mass: sp.Matrix, constraint: Constraint) -> sp.Matrix:
+    """Return A D (m, n), D = M^-1; entry by entry a symbol where M is large.
+
+    Both identities that use it hold for every A D with ADB regular, so nothing is lost.
+    """
+    m, n = constraint.jacobian.shape
+    if n > SMALL:
+        return sp.Matrix(m, n, sp.symbols(f"x1:{m * n + 1}", real=True))
+    return constraint.jacobian * mass.adjugate() / mass.det()

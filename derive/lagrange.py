@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
+from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec
 from pfaffian.derive.spec_check import check_mass_matrix
@@ -14,10 +15,14 @@ from pfaffian.runtime.errors import InputError
 
 @dataclass(frozen=True)
 class Dynamics:
-    """The matrices of (1): M (n, n), C (n, n), G (n, 1), B (n, m), F (n, 1), and T, V."""
+    """The matrices of (1): M (n, n), C (n, n), G (n, 1), B (n, m), F (n, 1), and T, V.
+
+    `coriolis_force` is C q' (n, 1), which is all that a control law needs of C.
+    """
 
     mass_matrix: sp.Matrix
     coriolis_matrix: sp.Matrix
+    coriolis_force: sp.Matrix
     gravity: sp.Matrix
     input_matrix: sp.Matrix
     uncertain_force: sp.Matrix
@@ -37,9 +42,12 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     mass = mass_matrix(kinetic, spec.velocities, f"model {spec.name}")
     check_mass_matrix(spec, mass)
     gravity = sp.Matrix([potential]).jacobian(q).T
+    coriolis = christoffel_matrix(mass, q, dq)
+    force = coriolis * dq if len(q) <= SMALL else velocity_forces(mass, list(q), list(dq))
     return Dynamics(
         mass_matrix=Matrix(mass),
-        coriolis_matrix=Matrix(christoffel_matrix(mass, q, dq)),
+        coriolis_matrix=Matrix(coriolis),
+        coriolis_force=Matrix(force),
         gravity=Matrix(gravity),
         input_matrix=Matrix(spec.input_matrix),
         uncertain_force=Matrix(spec.uncertain_force),

@@ -114,6 +114,12 @@ class ModelFolder:
 def _check_shapes(spec: ModelSpec, path: Path) -> None:
     """Raise `InputError` unless the shapes in `spec` fit its coordinates and actuators."""
     n, m, constraint = len(spec.coordinates), len(spec.actuators), spec.constraint
+    names = [s.name for s in constraint.residual_symbols]
+    if len(names) != m:
+        raise InputError(
+            f"{path}: {len(names)} servo-constraints ({', '.join(names)}) for {m} actuators",
+            remedy="give one constraint for each actuator, so that ADB is square",
+        )
     wanted = {
         "input_matrix": (spec.input_matrix, (n, m)),
         "uncertain_force": (spec.uncertain_force, (n, 1)),

@@ -1,16 +1,24 @@
-"""Solving with the mass matrix: an L D L^T factorisation written out as named definitions.
+"""Solving with the mass matrix, written out as named definitions.
 
-Two rows of a small matrix are better served by the adjugate, which needs one division; from four
-coordinates on the factorisation is shorter, and its values are the ones that have to be rounded.
+A matrix of two rows is best served by the adjugate, which needs one division; a larger one by an
+L D L^T factorisation: it is shorter, and its values are the ones that have to be rounded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import sympy as sp
 from pfaffian.derive.block import BlockBuilder
+
+if TYPE_CHECKING:
+    from pfaffian.derive.lagrange import Dynamics
+
+#: Up to so many coordinates the adjugate is written out.
+SMALL = 2
 
 
 @dataclass(frozen=True)
@@ -36,24 +44,86 @@ def define_factors(builder: BlockBuilder, mass: sp.Matrix) -> Factors:
         inverse[j] = builder.define(f"inverse_pivot{j + 1}", 1 / name, "")
         for i in range(j):
             entry = mass[i, j] - sum(scaled[k, i] * lower[k, j] for k in range(j + 1, n))
+            if entry == 0:
+                continue
             scaled[j, i] = builder.define(f"r{j + 1}{i + 1}", entry, "row of D L^T")
             lower[j, i] = builder.define(f"l{j + 1}{i + 1}", scaled[j, i] * inverse[j], "row of L")
     return Factors(sp.ImmutableDenseMatrix(lower), tuple(s for s in inverse if s is not None))
 
 
 def define_solution(
-    builder: BlockBuilder, factors: Factors, right: Sequence[sp.Expr], base: str
+    builder: BlockBuilder,
+    factors: Factors,
+    right: Sequence[sp.Expr],
+    base: str,
+    text: str = "",
+    units: Sequence[str] = (),
 ) -> tuple[sp.Expr, ...]:
-    """Define x with M x = `right` and return it (n,)."""
+    """Define x with M x = `right` and return it (n,), described by `text` and `units`."""
     n = len(right)
     reduced: list[sp.Expr] = list(right)
     for j in reversed(range(n)):
         value = right[j] - sum(factors.lower[k, j] * reduced[k] for k in range(j + 1, n))
-        reduced[j] = builder.define(f"{base}_reduced{j + 1}", value, "")
+        plain = value == 0 or value.is_Symbol or value.is_Number
+        reduced[j] = value if plain else builder.define(f"{base}_reduced{j + 1}", value, "")
     found: list[sp.Expr] = [sp.S.Zero] * n
     for i in range(n):
         value = reduced[i] * factors.inverse_pivots[i] - sum(
             factors.lower[i, j] * found[j] for j in range(i)
         )
-        found[i] = builder.define(f"{base}{i + 1}", value, "")
+        unit = units[i] if units else ""
+        found[i] = builder.define(f"{base}{i + 1}", value, text, unit)
     return tuple(found)
+
+
+class MassSolver:
+    """Solves with M in one block: by the adjugate up to `SMALL` coordinates, else by factors.
+
+    What it needs besides M, the determinant or the factors, is defined when it is first used.
+    """
+
+    def __init__(
+        self,
+        builder: BlockBuilder,
+        mass: sp.Matrix,
+        dynamics: Dynamics,
+        named: Mapping[sp.Basic, sp.Symbol],
+    ) -> None:
+        """Take M in the names defined, and the same matrix as `dynamics` has it."""
+        self._builder, self._mass, self._dynamics, self._named = builder, mass, dynamics, named
+
+    @cached_property
+    def determinant(self) -> sp.Symbol:
+        """Define det M, expanded in the parameters.
+
+        The products of the entries would cancel most of each other's digits.
+        """
+        expanded = sp.expand(self._dynamics.mass_matrix.det()).xreplace(self._named)
+        return self._builder.define("det_m", expanded, "determinant of the mass matrix")
+
+    @cached_property
+    def _factors(self) -> Factors:
+        return define_factors(self._builder, self._mass)
+
+    def define_row(
+        self, row: sp.Matrix, base: str, text: str, units: Sequence[str]
+    ) -> list[sp.Expr]:
+        """Define `row` D (n,) with D = M^-1, for a row (1, n)."""
+        return list(self._solved(row.T, base, text, units))
+
+    def define_solution(
+        self, right: sp.Matrix, base: str, text: str, units: Sequence[str]
+    ) -> list[sp.Expr]:
+        """Define D `right` (n,)."""
+        return list(self._solved(right, base, text, units))
+
+    def _solved(
+        self, right: sp.Matrix, base: str, text: str, units: Sequence[str]
+    ) -> Sequence[sp.Expr]:
+        if self._mass.rows > SMALL:
+            return define_solution(self._builder, self._factors, list(right), base, text, units)
+        values = self._mass.adjugate() * right / self.determinant
+        return [
+            self._builder.define(f"{base}{i + 1}", value, text, units[i])
+            for i, value in enumerate(values)
+        ]

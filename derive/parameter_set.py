@@ -16,6 +16,8 @@ from pfaffian.runtime.errors import InputError
 
 #: Real poles proposed where a given set of gains is refused.
 PROPOSED_POLE = -6.0
+#: Points of the grid on which the mass matrix is judged, over all coordinates it depends on.
+_MOST_POINTS = 24**3
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
                 parameter.check(values[parameter.name], f"{raw.path}: gains.{POLES_KEY}")
     _require(model, raw, values, ("synthesised",))
     if judge:
+        _check_rest(model, raw, values)
         _check_zero_dynamics(model, raw, values)
         _check_setpoint_gain(model, raw, values)
     ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
@@ -104,29 +107,55 @@ def roots_of(coefficients: tuple[float, ...]) -> tuple[complex, ...]:
     )
 
 
+def places_poles(model: LoweredModel) -> bool:
+    """Return whether poles determine the gains: in closed form, or through the row of s."""
+    return model.has_program("gain_synthesis") or model.has_program("row_gains")
+
+
 def synthesise_gains(
     model: LoweredModel, values: Mapping[str, float], poles: tuple[complex, ...], where: str
 ) -> dict[str, float]:
-    """Return the gains that place the zero dynamics of the frictionless plant at `poles`.
+    """Return the gains that place the zero dynamics at `poles`.
 
-    Raises `InputError` naming `where` if the number of poles is not the order of the zero dynamics
-    or the model has no closed form for its gains.
+    The closed form, where a model has one, is that of the frictionless plant; the row of s takes
+    the friction in `values` into account. Raises `InputError` naming `where` if the number of poles
+    is not the order of the zero dynamics, or poles do not determine the gains of this model.
     """
-    if not model.has_program("gain_synthesis"):
+    if not places_poles(model):
         raise InputError(
-            f"{where}: model {model.name} has no closed form for gains from poles",
-            remedy="give the gains themselves",
+            f"{where}: the gains of model {model.name} do not follow from poles alone",
+            remedy="give the gains themselves; pfaffian design finds some",
         )
-    program = model.program("gain_synthesis")
-    order = sum(s.group == "input" for s in program.inputs)
+    order = len(model.program("zero_polynomial").outputs) - 1
     if len(poles) != order:
         raise InputError(
             f"{where}: {len(poles)} poles for zero dynamics of order {order}",
             remedy=f"give {order} poles",
         )
-    wanted = polynomial_of(poles)[1:]
-    named = {f"c{order - 1 - k}": c for k, c in enumerate(wanted)}
-    return evaluate(program, {**values, **named})
+    wanted = polynomial_of(poles)
+    if model.has_program("gain_synthesis"):
+        named = {f"c{order - 1 - k}": c for k, c in enumerate(wanted[1:])}
+        return evaluate(model.program("gain_synthesis"), {**values, **named})
+    return _gains_of_row(model, values, wanted, where)
+
+
+def _gains_of_row(
+    model: LoweredModel, values: Mapping[str, float], wanted: tuple[float, ...], where: str
+) -> dict[str, float]:
+    from pfaffian.derive.row_synthesis import row_for_polynomial  # most sets do without
+
+    n = len(model.coordinates)
+    own = dict.fromkeys((p.name for p in model.parameters if p.group == "synthesised"), 1.0)
+    defaults = {p.name: p.default for p in model.parameters if p.default is not None}
+    known = {**own, **defaults, **values}
+    row = row_for_polynomial(evaluate(model.program("linearisation"), known), n, wanted)
+    if row is None:
+        raise InputError(
+            f"{where}: the plant is not controllable at the setpoint: no row of s places its poles",
+            remedy="choose another setpoint, or give the gains themselves",
+        )
+    names = [f"row_{kind}_{i + 1}" for kind in ("position", "rate") for i in range(n)]
+    return evaluate(model.program("row_gains"), {**known, **dict(zip(names, row, strict=True))})
 
 
 def _complete_plant(model: LoweredModel, raw: RawSet, values: dict[str, float]) -> None:
@@ -164,7 +193,8 @@ def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, fl
     """Evaluate the leading minors on a grid over one turn of each coordinate M depends on."""
     program = model.program("mass_minors")
     names = [s.name for s in program.inputs if s.group == "input"]
-    turn = [2.0 * math.pi * k / 24 for k in range(24)]
+    steps = min(24, max(4, round(_MOST_POINTS ** (1.0 / max(len(names), 1)))))
+    turn = [2.0 * math.pi * k / steps for k in range(steps)]
     for point in itertools.product(turn, repeat=len(names)):
         at = dict(zip(names, point, strict=True))
         minors = evaluate(program, {**values, **at})
@@ -209,6 +239,23 @@ def _check_setpoint_gain(model: LoweredModel, raw: RawSet, values: Mapping[str, 
         )
 
 
+def _check_rest(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    """Refuse a setpoint at which the servo-constraint itself does not rest."""
+    if not model.has_program("rest_constraint"):
+        return
+    program = model.program("rest_constraint")
+    setpoints = [p.name for p in model.parameters_of("rest_constraint") if p.group == "gain"]
+    moved = [{n: values[n] + shift for n in setpoints} for shift in (0.0, 1.0, 2.0)]
+    scale = max([1.0, *(abs(v) for at in moved for v in evaluate(program, values | at).values())])
+    for signal, value in zip(program.outputs, evaluate(program, values).values(), strict=True):
+        if not abs(value) <= 1e-9 * scale:
+            raise InputError(
+                f"{raw.path}: the servo-constraint does not rest at the setpoint: "
+                f"{signal.description} is {value:.4g} {signal.unit} there",
+                remedy="mend the setpoint, or the constraint",
+            )
+
+
 def _at_rest(model: LoweredModel) -> dict[str, float]:
     return {f"d{c.name}": 0.0 for c in model.coordinates}
 
@@ -242,9 +289,9 @@ def violated_bounds(model: LoweredModel, values: Mapping[str, float]) -> list[st
 
 
 def _proposal(model: LoweredModel, values: Mapping[str, float]) -> str:
-    if not model.has_program("gain_synthesis"):
-        return "choose other gains"
-    order = sum(s.group == "input" for s in model.program("gain_synthesis").inputs)
+    if not places_poles(model):
+        return "choose other gains; pfaffian design finds some"
+    order = len(model.program("zero_polynomial").outputs) - 1
     poles = (complex(PROPOSED_POLE),) * order
     gains = synthesise_gains(model, values, poles, "proposal")
     units = {p.name: p.unit for p in model.parameters}

@@ -44,6 +44,9 @@ class Op(StrEnum):
     SELECT = "select"
 
 
+#: The input that holds the time of a time-varying constraint.
+TIME_NAME = "time"
+
 #: Operators whose value is a truth value (0 or 1), never a number of the plant.
 LOGICAL = frozenset({Op.LESS, Op.LESS_EQUAL, Op.EQUAL, Op.NOT, Op.AND, Op.OR})
 

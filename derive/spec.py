@@ -8,8 +8,13 @@ from types import SimpleNamespace
 
 import sympy as sp
 from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.program import TIME_NAME
 
 Matrix = sp.ImmutableDenseMatrix
+
+#: The time in seconds that a time-varying constraint is written in; the caller of the generated
+#: step supplies it as a measurement, so that a lost period does not shift the reference.
+TIME = sp.Symbol(TIME_NAME, real=True)
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,11 @@ class Coordinate:
         """Return the symbol of q'."""
         return sp.Symbol(f"d{self.name}", real=True)
 
+    @property
+    def acceleration(self) -> sp.Symbol:
+        """Return the symbol of q'', for writing second-order constraints."""
+        return sp.Symbol(f"dd{self.name}", real=True)
+
 
 @dataclass(frozen=True)
 class Actuator:
@@ -48,11 +58,12 @@ class Actuator:
 
 @dataclass(frozen=True)
 class ServoConstraint:
-    """A first-order servo-constraint s(q, q') -> 0, stabilised by s' + drift(s) = 0.
+    """Servo-constraints s(q, q', t) -> 0, stabilised by s' + drift = 0; in all A q'' = b.
 
-    `residual` is s, one entry a constraint, affine in q'. `drift` maps the vector of symbols
-    `residual_symbols` to sigma s + (2 eta/pi) arctan s of (2). `setpoint` gives q_d by coordinate;
-    `errors` are e = q - q_d.
+    `residual` is s, one entry a constraint; A = ds/dq'. `drift` is written in `residual_symbols`,
+    for (2) sigma s + (2 eta/pi) arctan s; it may also contain q, q' and the time, which is how
+    second-order constraints are given (`residuals.second_order`). `setpoint` gives q_d by
+    coordinate; `errors` are e = q - q_d, and may depend on the time.
     """
 
     residual: sp.Matrix
@@ -114,6 +125,12 @@ class ModelSpec:
     def positions(self) -> tuple[sp.Symbol, ...]:
         """Return q, shape (n,)."""
         return tuple(c.position for c in self.coordinates)
+
+    @property
+    def varies(self) -> bool:
+        """Return whether the constraint depends on the time."""
+        given = self.constraint
+        return any(TIME in m.free_symbols for m in (given.residual, given.drift, given.errors))
 
     @property
     def velocities(self) -> tuple[sp.Symbol, ...]:

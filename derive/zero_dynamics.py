@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
+from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.linearisation import linearise
-from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
+from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
 from pfaffian.runtime.errors import InputError
+from sympy.polys.matrices import DomainMatrix
 
 POLE = sp.Symbol("p")
+#: With fewer entries than this that are no plain symbol, coefficients are written out in any case.
+_FEW_ENTRIES = 8
 
 
 @dataclass(frozen=True)
@@ -20,10 +24,12 @@ class ZeroDynamics:
     """Coefficients of the characteristic polynomial (highest first) and the gains it determines.
 
     `wanted` are the symbols c_(k-1) ... c_0 of a monic polynomial, `gains` the synthesised gains
-    in terms of them.
+    in terms of them. For larger plants the coefficients are written in entries of the
+    linearisation, which `entries` gives in the order of definition; else it is empty.
     """
 
     coefficients: tuple[sp.Expr, ...]
+    entries: tuple[tuple[sp.Symbol, sp.Expr], ...]
     wanted: tuple[sp.Symbol, ...]
     gains: tuple[tuple[sp.Symbol, sp.Expr], ...]
 
@@ -32,25 +38,94 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     """Linearise the zero dynamics of s at the setpoint and solve for the gains.
 
     The zeros of the output s are the roots p of det [[M p^2 + D p + K, -B], [S1 p + S0, 0]], with
-    K = dG/dq, D = dF/dq' and S1, S0 = ds/dq', ds/dq at the setpoint at rest.
+    K = dG/dq, D = dF/dq' and S1, S0 = ds/dq', ds/dq at the setpoint at rest. A constraint whose
+    drift depends on the motion itself (one of second order) enters by the row of s' + drift
+    instead: nothing takes its s to zero. Time-varying entries are frozen at time 0.
     """
     linear = linearise(spec, dynamics, constraint)
-    plant = linear.mass * POLE**2 + linear.damping * POLE + linear.stiffness
-    row = linear.rate_row * POLE + linear.position_row
+    still = {TIME: 0}
+    named = _Entries()
+    plant = (
+        named("mass", linear.mass.subs(still)) * POLE**2
+        + named("damping", linear.damping.subs(still)) * POLE
+        + named("stiffness", linear.stiffness.subs(still))
+    )
+    row = named("rate_row", linear.rate_row.subs(still)) * POLE + named(
+        "position_row", linear.position_row.subs(still)
+    )
+    row = _with_own_motion(spec, row, named)
     m = len(spec.actuators)
     pencil = sp.Matrix(
-        sp.BlockMatrix([[Matrix(plant), -linear.input], [Matrix(row), sp.zeros(m, m)]])
+        sp.BlockMatrix(
+            [
+                [Matrix(plant), -Matrix(named("input", linear.input.subs(still)))],
+                [Matrix(row), sp.zeros(m, m)],
+            ]
+        )
     )
-    polynomial = sp.Poly(sp.expand(pencil.det()), POLE)
-    if polynomial.is_zero:
+    matrix = DomainMatrix.from_Matrix(pencil)
+    found = sp.Poly(matrix.domain.to_sympy(matrix.det()), POLE).all_coeffs()
+    if len(spec.coordinates) <= SMALL or len(named.values) < _FEW_ENTRIES:
+        found = [sp.factor(c.subs(named.values)) for c in found]
+        named.values.clear()
+    while found and found[0] == 0:
+        found = found[1:]
+    if not found:
         raise InputError(
             f"model {spec.name}: ADB is identically zero, the actuators do not move s",
             remedy="choose a servo-constraint that the actuators reach",
             about="residual",
         )
-    coefficients = tuple(sp.factor(c) for c in polynomial.all_coeffs())
+    coefficients = tuple(found)
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
-    return ZeroDynamics(coefficients, wanted, _synthesise(spec, coefficients, wanted))
+    gains = () if named.values else _synthesise(spec, coefficients, wanted)
+    return ZeroDynamics(coefficients, tuple(named.values.items()), wanted, gains)
+
+
+class _Entries:
+    """Names the entries of matrices that are no single number or symbol.
+
+    In named entries the determinant is one of polynomials, which takes milliseconds.
+    """
+
+    def __init__(self) -> None:
+        self.values: dict[sp.Symbol, sp.Expr] = {}
+
+    def __call__(self, base: str, matrix: sp.Matrix) -> sp.Matrix:
+        return sp.Matrix(
+            *matrix.shape,
+            lambda i, j: self._named(f"{base}_{i + 1}_{j + 1}", matrix[i, j]),
+        )
+
+    def _named(self, name: str, value: sp.Expr) -> sp.Expr:
+        if value.is_Number or value.is_Symbol:
+            return value
+        symbol = sp.Symbol(name, real=True)
+        known = next((s for s, v in self.values.items() if v == value), None)
+        if known is None:
+            self.values[symbol] = value
+        return known or symbol
+
+
+def _with_own_motion(spec: ModelSpec, row: sp.Matrix, named: _Entries) -> sp.Matrix:
+    """Replace the rows of constraints whose drift depends on q or q' by those of s' + drift."""
+    given = spec.constraint
+    q, dq = list(spec.positions), list(spec.velocities)
+    at_rest: dict[sp.Basic, sp.Basic] = dict(zip(q, given.setpoint, strict=True))
+    at_rest |= dict.fromkeys([*dq, TIME, *given.residual_symbols], sp.S.Zero)
+    row = sp.Matrix(row)
+    for r, drift in enumerate(given.drift):
+        if not drift.has(*q, *dq):
+            continue
+        position, rate, own = (
+            sp.Matrix([[drift.diff(x) for x in xs]]).subs(at_rest)
+            for xs in (q, dq, given.residual_symbols)
+        )
+        direct = named(f"drift_rate_{r + 1}", rate) * POLE
+        direct += named(f"drift_position_{r + 1}", position)
+        through = named(f"drift_residual_{r + 1}", own) * row
+        row[r, :] = row[r, :] * POLE + direct + through
+    return row
 
 
 def _synthesise(

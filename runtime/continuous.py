@@ -64,14 +64,16 @@ class ContinuousLoop:
         self.observe(self.start)
         self._state["residual_initial"] = self.output["s"]
 
-    def observe(self, y: Array) -> None:
-        """Evaluate the law in the state `y`."""
+    def observe(self, y: Array, time: float = 0.0) -> None:
+        """Evaluate the law in the state `y`, at `time` in seconds."""
+        if "time" in (self._measured.dtype.names or ()):
+            self._measured["time"] = time
         for name, value in zip(self.channels, y, strict=False):
             self._measured[name] = self._motion[name] = value
         self._state["drift_integral"], self._state["bound_estimate"] = y[-2], y[-1]
         self.host.continuous(self._state, self._params, self._measured, self.output)
 
-    def __call__(self, _time: float, y: Array) -> Array:
+    def __call__(self, time: float, y: Array) -> Array:
         """Return the rate of `y`."""
         self.evaluations += 1
         if self.evaluations > _MOST_EVALUATIONS:
@@ -80,7 +82,7 @@ class ContinuousLoop:
                 f"evaluations",
                 remedy="shorten the duration, or widen the layer epsilon",
             )
-        self.observe(y)
+        self.observe(y, time)
         for name in self._applied.dtype.names or ():
             self._applied[name] = self.output[name]
         self.host.acceleration(self._plant, self._motion, self._applied, self.acceleration)
@@ -92,9 +94,9 @@ class ContinuousLoop:
         rate[-1] = self.output["bound_estimate_rate"][0]
         return rate
 
-    def clearance(self, _time: float, y: Array) -> float:
+    def clearance(self, time: float, y: Array) -> float:
         """Return |ADB| less the singular threshold: the flight ends where it vanishes."""
-        self.observe(y)
+        self.observe(y, time)
         return float(abs(self.output["adb"][0]) - self.scenario.controller["singular_threshold"])
 
 

@@ -64,10 +64,14 @@ def fly(
     plant_params = fill_records(plant.records("plant_params"), dict(scenario.plant))
     plant_state = fill_records(plant.records("plant_state"), dict(scenario.initial))
     applied, energy = plant.records("plant_input"), np.zeros(1)
+    timed = "time" in (measured.dtype.names or ())
     step = np.array([scenario.sample_time / scenario.plant_substeps])
     controller.init(state, params, status)
     for k in range(n):
-        measured[:] = plant_state
+        for name in plant_state.dtype.names or ():
+            measured[name] = plant_state[name]
+        if timed:
+            measured["time"] = k * scenario.sample_time
         controller.step(state, params, measured, output, status)
         plant.energy(plant_params, plant_state, energy)
         log["input"][k], log["output"][k], log["state"][k] = measured[0], output[0], state[0]

@@ -18,6 +18,8 @@ from pfaffian.runtime.quantity import parse_quantity
 _TABLES = ("initial", "controller", "plant")
 _TOP = ("title", "source", "model", "set", "duration", "plant_substeps", "in_report", *_TABLES)
 _MAX_STEPS = 10_000_000
+#: Points of the grid on which the mass matrix is judged.
+_MOST_POINTS = 24**3
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,8 @@ def _check_plant(scenario: Scenario, path: Path) -> None:
     """Read the plant's mass matrix out of its kinetic energy: it must be positive definite."""
     module, names = scenario.folder.python_module(), scenario.folder.manifest.coordinates
     plant = module.PlantParams(**scenario.plant)
-    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    steps = min(24, max(4, round(_MOST_POINTS ** (1.0 / len(names)))))
+    turn = np.linspace(0.0, 2.0 * np.pi, steps, endpoint=False)
     grid = dict(zip(names, np.meshgrid(*[turn] * len(names)), strict=True))
     fast = 2.0**20  # so that T is not lost beside V
 
@@ -238,7 +241,8 @@ def _check_start(scenario: Scenario, path: Path) -> None:
     goal = dict.fromkeys(scenario.initial, 0.0) | dict(scenario.setpoint)
     way = np.linspace(0.0, 1.0, 1001)
     point = {n: v + way * (goal[n] - v) for n, v in scenario.initial.items()}
-    gain = np.broadcast_to(module.input_gain(params, module.Input(**point)), way.shape)
+    measured = dict.fromkeys(scenario.folder.manifest.structures["input"].names(), 0.0) | point
+    gain = np.broadcast_to(module.input_gain(params, module.Input(**measured)), way.shape)
     least = scenario.controller["singular_threshold"]
     bad = (np.abs(gain) < least) | (np.sign(gain) != np.sign(gain[-1]))
     if not bad.any():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pfaffian.derive.design.assess import gain_names
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import polynomial_of, synthesise_gains, zero_polynomial
+from pfaffian.derive.parameter_set import places_poles, polynomial_of, synthesise_gains, zero_polynomial
 from pfaffian.derive.parameters import parse_poles
 from pfaffian.runtime.errors import InputError
 from scipy.optimize import least_squares
@@ -50,7 +50,7 @@ def gains_for_poles(
             remedy=f"give magnitudes from {_LEAST_RADIUS:g} to {_LARGEST_RADIUS:g} 1/s",
         )
     gains: dict[str, float] = {}
-    if model.has_program("gain_synthesis"):
+    if places_poles(model):
         gains = synthesise_gains(model, values, poles, where)
     if not gains or not _holds(model, {**values, **gains}, poles):
         gains = numeric_gains(model, {**values, **gains}, poles, where)

@@ -6,7 +6,14 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
+from pfaffian.derive.emit.emitter import (
+    Emission,
+    comment_text,
+    fill,
+    finite_bound,
+    measured_bounds,
+    snake,
+)
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
@@ -147,12 +154,10 @@ def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
 
 def _domain(model: LoweredModel) -> list[str]:
     """Return one C condition a measurement: within its domain, false for NaN."""
-    rows = []
-    for c in model.coordinates:
-        for name, bound in ((c.name, c.bound), (f"d{c.name}", c.rate_bound)):
-            limit = c_literal(finite_bound(bound))
-            rows.append(f"(input->{name} >= -{limit}) && (input->{name} <= {limit})")
-    return rows
+    return [
+        f"(input->{name} >= -{c_literal(bound)}) && (input->{name} <= {c_literal(bound)})"
+        for name, bound in measured_bounds(model)
+    ]
 
 
 def emit_c(emission: Emission) -> dict[str, str]:

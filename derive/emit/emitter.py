@@ -18,7 +18,7 @@ from typing import Protocol
 import jinja2
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.program import Op, Program
+from pfaffian.derive.program import TIME_NAME, Op, Program
 from pfaffian.runtime.cache import cache_folder
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.manifest import ABI_VERSION
@@ -35,8 +35,10 @@ _C_WORDS = """
 """
 _OWN_WORDS = """
     advanced applied dataclass finite good input limited measured np output params prepared rate
-    state status valid zero
+    state status time valid zero
 """
+#: Largest |time| in seconds taken as a measurement of a time-varying constraint: thirty years.
+TIME_BOUND = 1e9
 _RESERVED = frozenset((*_C_WORDS.split(), *_OWN_WORDS.split(), *keyword.kwlist))
 
 
@@ -139,7 +141,8 @@ def _check_name(model: str, name: str) -> None:
 def _check_program(model: str, program: Program) -> None:
     inputs = [s.name for s in program.inputs]
     for name in inputs:
-        _check_name(model, name)
+        if name != TIME_NAME:
+            _check_name(model, name)
     named = {i.name for i in program.instructions if i.name and i.op is not Op.INPUT}
     twice = [n for n, count in Counter(inputs).items() if count > 1 or n in named]
     if twice:
@@ -177,6 +180,16 @@ def comment_text(text: str) -> str:
 def finite_bound(value: float) -> float:
     """Return a bound as a literal can hold it: what is unbounded must still be finite."""
     return math.copysign(sys.float_info.max, value) if math.isinf(value) else value
+
+
+def measured_bounds(model: LoweredModel) -> list[tuple[str, float]]:
+    """Return each measurement of a period with the largest magnitude that is taken for one."""
+    rows = []
+    for c in model.coordinates:
+        rows += [(c.name, c.bound), (f"d{c.name}", c.rate_bound)]
+    if any(s.name == TIME_NAME for s in model.program("step").inputs):
+        rows.append((TIME_NAME, TIME_BOUND))
+    return [(name, finite_bound(bound)) for name, bound in rows]
 
 
 def snake(name: str) -> str:

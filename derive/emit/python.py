@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
+from pfaffian.derive.emit.emitter import (
+    Emission,
+    comment_text,
+    fill,
+    finite_bound,
+    measured_bounds,
+    snake,
+)
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.program import Op, Program
@@ -85,12 +92,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             for s in emission.sets
         ],
         "bounds": [
-            {
-                "name": c.name,
-                "bound": repr(finite_bound(c.bound)),
-                "rate_bound": repr(finite_bound(c.rate_bound)),
-            }
-            for c in model.coordinates
+            {"name": name, "bound": repr(bound)} for name, bound in measured_bounds(model)
         ],
         "parameter_bounds": [
             {

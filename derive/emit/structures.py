@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Program, Signal
+from pfaffian.derive.program import TIME_NAME, Program, Signal
 from pfaffian.runtime.manifest import Field, Structure
 
 STATUS = ("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC")
@@ -49,9 +49,11 @@ def structures_of(model: LoweredModel) -> dict[str, Structure]:
     ) + tuple(
         Field(f"d{c.name}", "double", f"{c.unit}/s", f"rate of {c.name}") for c in model.coordinates
     )
+    # The caller supplies the time of a time-varying constraint with each measurement.
+    timed = [s for s in (*step.inputs, *continuous.inputs) if s.name == TIME_NAME]
     roles = {
         "params": parameters(step, prepare, continuous),
-        "input": motion,
+        "input": motion + _fields(timed),
         "state": _fields(state),
         "output": _fields(outputs),
         "continuous_state": _fields(_group(continuous, "state")),

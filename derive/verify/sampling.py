@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import Signal, evaluate
 
@@ -64,8 +65,7 @@ def _wide(
 ) -> dict[str, Array]:
     """Draw over the whole stated domain: angles evenly, magnitudes evenly in their logarithm."""
     bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
-    domain = {c.name: c.bound for c in model.coordinates}
-    domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
+    domain = dict(measured_bounds(model))
     values = {}
     for signal in inputs:
         if signal.name in domain:
