@@ -16,6 +16,7 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.dimensions import dimension_of, force_unit
+from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
 from pfaffian.derive.linearisation import linearisation_blocks
@@ -49,6 +50,7 @@ class Derivation:
     input_gain: sp.Expr
     decomposition: Decomposition
     zero_dynamics: ZeroDynamics
+    hurwitz: HurwitzConditions
     identities: tuple[Identity, ...]
     blocks: tuple[Block, ...]
 
@@ -63,6 +65,7 @@ def derive(spec: ModelSpec) -> Derivation:
     dynamics = lagrangian_dynamics(spec)
     constraint = servo_constraint(spec)
     zeros = zero_dynamics(spec, dynamics, constraint)
+    hurwitz = hurwitz_conditions(spec, zeros)
     ad = constraint.jacobian * dynamics.mass_matrix.adjugate()
     scaled, det = ad * dynamics.input_matrix, sp.expand(dynamics.mass_matrix.det())
     input_gain = sp.factor(trigonometric_sum(scaled.det())) / det**scaled.rows
@@ -73,6 +76,7 @@ def derive(spec: ModelSpec) -> Derivation:
         input_gain=input_gain,
         decomposition=_decompose(dynamics, constraint),
         zero_dynamics=zeros,
+        hurwitz=hurwitz,
         identities=prove_identities(spec, dynamics, constraint),
         blocks=(
             sampled_law(spec, dynamics, constraint),
@@ -82,6 +86,7 @@ def derive(spec: ModelSpec) -> Derivation:
             _energy(spec, dynamics),
             _input_gain(spec, dynamics, constraint),
             *_design_blocks(spec, dynamics, zeros),
+            *hurwitz_blocks(spec, zeros, hurwitz),
             *linearisation_blocks(spec, dynamics, constraint),
         ),
     )

@@ -20,12 +20,15 @@ class ZeroDynamics:
     """Coefficients of the characteristic polynomial (highest first) and the gains it determines.
 
     `wanted` are the symbols c_(k-1) ... c_0 of a monic polynomial, `gains` the synthesised gains
-    in terms of them.
+    in terms of them. `in_slopes` are the coefficients with the entries of dF/dq' that friction
+    makes up named by the symbols of `slopes`, which has what these stand for.
     """
 
     coefficients: tuple[sp.Expr, ...]
     wanted: tuple[sp.Symbol, ...]
     gains: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    in_slopes: tuple[sp.Expr, ...]
+    slopes: tuple[tuple[sp.Symbol, sp.Expr], ...]
 
 
 def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> ZeroDynamics:
@@ -35,22 +38,50 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     K = dG/dq, D = dF/dq' and S1, S0 = ds/dq', ds/dq at the setpoint at rest.
     """
     linear = linearise(spec, dynamics, constraint)
-    plant = linear.mass * POLE**2 + linear.damping * POLE + linear.stiffness
+    damping, slopes = _named_slopes(spec, linear.damping)
+    plant = linear.mass * POLE**2 + damping * POLE + linear.stiffness
     row = linear.rate_row * POLE + linear.position_row
     m = len(spec.actuators)
     pencil = sp.Matrix(
         sp.BlockMatrix([[Matrix(plant), -linear.input], [Matrix(row), sp.zeros(m, m)]])
     )
-    polynomial = sp.Poly(sp.expand(pencil.det()), POLE)
-    if polynomial.is_zero:
+    in_slopes = sp.Poly(sp.expand(pencil.det()), POLE).all_coeffs()
+    coefficients = [sp.factor(c.xreplace(dict(slopes))) for c in in_slopes]
+    while coefficients and coefficients[0] == 0:  # slopes that are related may cancel
+        in_slopes, coefficients = in_slopes[1:], coefficients[1:]
+    if not coefficients:
         raise InputError(
             f"model {spec.name}: ADB is identically zero, the actuators do not move s",
             remedy="choose a servo-constraint that the actuators reach",
             about="residual",
         )
-    coefficients = tuple(sp.factor(c) for c in polynomial.all_coeffs())
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
-    return ZeroDynamics(coefficients, wanted, _synthesise(spec, coefficients, wanted))
+    gains = _synthesise(spec, tuple(coefficients), wanted)
+    return ZeroDynamics(tuple(coefficients), wanted, gains, tuple(in_slopes), slopes)
+
+
+def _named_slopes(
+    spec: ModelSpec, damping: sp.Matrix
+) -> tuple[sp.Matrix, tuple[tuple[sp.Symbol, sp.Expr], ...]]:
+    """Name the entries of dF/dq' that friction makes up, as their sums of products hide the rest.
+
+    The slope of the force on q under its own rate is `damping_q`, under that of r `damping_q_r`.
+    """
+    rubbing = {symbol_of(p) for p in spec.parameters_in("uncertainty")}
+    names = {p.name for p in spec.parameters}
+    slopes: dict[sp.Symbol, sp.Expr] = {}
+    shown = damping.as_mutable()
+    for i, row in enumerate(spec.coordinates):
+        for j, column in enumerate(spec.coordinates):
+            entry = damping[i, j]
+            if entry.is_Symbol or not entry.free_symbols & rubbing:
+                continue
+            name = f"damping_{row.name}" + ("" if i == j else f"_{column.name}")
+            while name in names:
+                name += "_"
+            shown[i, j] = sp.Symbol(name, real=True)
+            slopes[shown[i, j]] = entry
+    return shown, tuple(slopes.items())
 
 
 def _synthesise(
