@@ -77,9 +77,14 @@ def _print_design(set_name: str, design: object) -> None:
     rows += [
         ("zero-dynamics poles [1/s]", poles),
         ("stable", values["stable"]),
+        ("Routh's column, 1/s^k", ", ".join(map(output.figure, values["routh_column"]))),
         ("ADB at the setpoint", output.figure(values["input_gain"])),
         ("distance to ADB = 0 [rad]", output.figure(values["singular_distance_rad"])),
         ("along", values["singular_coordinate"] or "-"),
         ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
     ]
     output.table(f"parameter set {set_name}", ("figure", "value"), rows)
+    if values["hurwitz"]:
+        margins = [(m.condition, output.figure(m.margin)) for m in values["hurwitz"]]
+        title = f"Hurwitz conditions, parameter set {set_name}"
+        output.table(title, ("condition", "margin"), margins)

@@ -205,6 +205,7 @@ def _figures(design: Design) -> list[tuple[str, object]]:
         *((name, f"{value:.6g}") for name, value in design.gains.items()),
         ("zero-dynamics poles [1/s]", ", ".join(map(pole_text, design.zero_dynamics_poles))),
         ("stable", "yes" if design.stable else "no"),
+        ("Routh's column, 1/s^k", ", ".join(map(output.figure, design.routh_column))),
         ("ADB at the setpoint", output.figure(design.input_gain)),
         ("offset to ADB = 0", _distance(design)),
         ("kappa (ADB)^2 [1/s]", output.figure(design.contraction)),

@@ -335,9 +335,7 @@ class ModelBuilder:
     def _determinant_unit(self) -> str:
         residuals = [r.unit for r in self._residuals] or [self._residual_unit()]
         pairs = zip(residuals, self._actuators, strict=False)
-        return unit_product(
-            *(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1)))
-        )
+        return unit_product(*(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1))))
 
     def _constraint(self, p: SimpleNamespace, own: dict[str, sp.Expr]) -> ServoConstraint:
         unknown = sorted(set(own) - {c.name for c in self._coordinates})

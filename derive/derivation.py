@@ -16,6 +16,7 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.dimensions import dimension_of, force_unit
+from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
 from pfaffian.derive.linear_solve import SMALL, define_factors
@@ -26,6 +27,7 @@ from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
+
 
 @dataclass(frozen=True)
 class Decomposition:
@@ -49,6 +51,7 @@ class Derivation:
     input_gain: sp.Expr
     decomposition: Decomposition
     zero_dynamics: ZeroDynamics
+    hurwitz: HurwitzConditions
     identities: tuple[Identity, ...]
     blocks: tuple[Block, ...]
 
@@ -64,6 +67,7 @@ def derive(spec: ModelSpec) -> Derivation:
     constraint = servo_constraint(spec)
     check_input_gain(spec, dynamics, constraint)
     zeros = zero_dynamics(spec, dynamics, constraint)
+    hurwitz = hurwitz_conditions(spec, zeros)
     return Derivation(
         spec=spec,
         dynamics=dynamics,
@@ -71,6 +75,7 @@ def derive(spec: ModelSpec) -> Derivation:
         input_gain=_input_gain_expression(dynamics, constraint),
         decomposition=_decompose(dynamics, constraint),
         zero_dynamics=zeros,
+        hurwitz=hurwitz,
         identities=prove_identities(spec, dynamics, constraint),
         blocks=(
             sampled_law(spec, dynamics, constraint),
@@ -80,6 +85,7 @@ def derive(spec: ModelSpec) -> Derivation:
             _energy(spec, dynamics),
             _input_gain(spec, dynamics, constraint),
             *_design_blocks(spec, dynamics, constraint, zeros),
+            *hurwitz_blocks(spec, zeros, hurwitz),
             *linearisation_blocks(spec, dynamics, constraint),
         ),
     )

@@ -12,6 +12,14 @@ from dataclasses import dataclass
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameters import POLES_KEY, RawSet
 from pfaffian.derive.program import evaluate
+from pfaffian.derive.routh import (
+    hurwitz_margins,
+    is_stable_column,
+    routh_column,
+    violated_margins,
+    violated_rows,
+    worded_margins,
+)
 from pfaffian.runtime.errors import InputError
 
 #: Real poles proposed where a given set of gains is refused.
@@ -74,18 +82,7 @@ def zero_polynomial(model: LoweredModel, values: Mapping[str, float]) -> tuple[f
 
 def is_hurwitz(coefficients: tuple[float, ...]) -> bool:
     """Return whether all roots lie strictly left of the imaginary axis (Routh's array)."""
-    lead = coefficients[0]
-    if lead == 0.0 or not all(math.isfinite(c) for c in coefficients):
-        return False
-    above = [c / lead for c in coefficients[0::2]]
-    below = [c / lead for c in coefficients[1::2]]
-    while below:
-        if not below[0] > 0.0:
-            return False
-        ratio = above[0] / below[0]
-        padded = [*below[1:], *[0.0] * (len(above) - len(below))]
-        above, below = below, [a - ratio * b for a, b in zip(above[1:], padded, strict=True)]
-    return True
+    return is_stable_column(routh_column(coefficients))
 
 
 def polynomial_of(poles: tuple[complex, ...]) -> tuple[float, ...]:
@@ -246,7 +243,9 @@ def _check_rest(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -
     program = model.program("rest_constraint")
     setpoints = [p.name for p in model.parameters_of("rest_constraint") if p.group == "gain"]
     moved = [{n: values[n] + shift for n in setpoints} for shift in (0.0, 1.0, 2.0)]
-    scale = max([1.0, *(abs(v) for at in moved for v in evaluate(program, values | at).values())])
+    scale = max(
+        [1.0, *(abs(v) for at in moved for v in evaluate(program, {**values, **at}).values())]
+    )
     for signal, value in zip(program.outputs, evaluate(program, values).values(), strict=True):
         if not abs(value) <= 1e-9 * scale:
             raise InputError(
@@ -276,16 +275,16 @@ def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, 
 
 
 def violated_bounds(model: LoweredModel, values: Mapping[str, float]) -> list[str]:
-    """Return the closed-form stability conditions that do not hold, and by how much."""
-    if not model.has_program("stability"):
-        return []
-    program = model.program("stability")
-    margins = evaluate(program, values).values()
-    return [
-        f"{signal.description} (off by {-margin:.4g})"
-        for signal, margin in zip(program.outputs, margins, strict=True)
-        if not margin > 0.0
-    ]
+    """Return the stability conditions that do not hold, and by how much.
+
+    They are those the specification words itself, for the plant without friction; where it words
+    none, or they all hold, those derived, with friction; and failing these a row of Routh's array.
+    """
+    return (
+        violated_margins(worded_margins(model, values))
+        or violated_margins(hurwitz_margins(model, values))
+        or violated_rows(zero_polynomial(model, values))
+    )
 
 
 def _proposal(model: LoweredModel, values: Mapping[str, float]) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import sympy as sp
 from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.hurwitz import HurwitzCondition, relation
 from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.zero_dynamics import ZeroDynamics
 from sympy.printing.latex import LatexPrinter
 
 
@@ -41,8 +44,12 @@ class _Names(LatexPrinter):  # type: ignore[misc]
         return self._names.get(expr.name) or str(super()._print_Symbol(expr, style))
 
 
-def _printer(spec: ModelSpec) -> _Names:
+def _printer(spec: ModelSpec, zeros: ZeroDynamics) -> _Names:
     names = {p.name: p.latex for p in spec.parameters if p.latex}
+    names |= {
+        s.name: f"\\delta_{{{sp.latex(sp.Symbol(s.name.removeprefix('damping_')))}}}"
+        for s, _ in zeros.slopes
+    }
     for c in spec.coordinates:
         letter = sp.latex(c.position)
         names[c.velocity.name] = f"\\dot{{{letter.split('_')[0]}}}_" + [*letter.split("_"), ""][1]
@@ -52,7 +59,7 @@ def _printer(spec: ModelSpec) -> _Names:
 def sections(derivation: Derivation) -> tuple[Section, ...]:
     """Return the whole derivation in reading order."""
     spec, dynamics, constraint = derivation.spec, derivation.dynamics, derivation.constraint
-    printer = _printer(spec)
+    printer = _printer(spec, derivation.zero_dynamics)
 
     def equation(caption: str, symbol: str, value: sp.Basic, plain: str) -> Equation:
         return Equation(
@@ -90,9 +97,9 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
         Section(
             "Servo-constraint, (2)-(8)",
             (
-                equation("residual, (3)", "s", constraint.residual[0], "s"),
+                *_rows(equation, "residual, (3)", "s", constraint.residual),
                 equation("constraint matrix, (7)", "A", constraint.jacobian, "A"),
-                equation("right-hand side of A q'' = b, (7)", "b", constraint.acceleration[0], "b"),
+                *_rows(equation, "right-hand side of A q'' = b, (7)", "b", constraint.acceleration),
                 equation("input gain, (10)", "ADB", derivation.input_gain, "ADB"),
             ),
         ),
@@ -114,6 +121,10 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
                     for k, c in enumerate(zeros.coefficients)
                 ),
                 *(
+                    equation("entry of the linearisation", printer.doprint(s), e, s.name)
+                    for s, e in zeros.entries
+                ),
+                *(
                     equation(
                         "gain for p^3 + c2 p^2 + c1 p + c0" if degree == 3 else "gain from poles",
                         printer.doprint(s),
@@ -124,6 +135,7 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
                 ),
             ),
         ),
+        Section("Hurwitz conditions", _hurwitz(derivation, printer)),
         Section(
             "Singular set, ADB = 0",
             (
@@ -141,6 +153,58 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
                 for i in derivation.identities
             ),
         ),
+    )
+
+
+def _hurwitz(derivation: Derivation, printer: _Names) -> tuple[Equation, ...]:
+    """Return the conditions for stable zero dynamics, where a_n is not 0."""
+    found = derivation.hurwitz
+    if not found.closed:
+        names = reversed(range(found.degree + 1))
+        return (
+            Equation(
+                f"no closed form is given for degree {found.degree}: Routh's array of the "
+                "coefficients decides, in numbers",
+                " + ".join(f"a_{{{k}}} p^{{{k}}}" for k in names),
+                " + ".join(f"a{k}*p^{k}" for k in reversed(range(found.degree + 1))),
+            ),
+        )
+    return (
+        *(_condition("without friction", c, printer) for c in found.frictionless),
+        *(_condition("with friction", c, printer) for c in found.damped),
+        *(
+            Equation(
+                "slope of friction at rest",
+                f"{printer.doprint(s)} = {printer.doprint(e)}",
+                f"{s.name} = {_text(e)}",
+            )
+            for s, e in (derivation.zero_dynamics.slopes if found.damped else ())
+        ),
+    )
+
+
+def _condition(where: str, condition: HurwitzCondition, printer: _Names) -> Equation:
+    left, sign, right = relation(condition.margin)
+    never = ", which never holds" if condition.never else ""
+    return Equation(
+        f"{where}, {condition.says}{never}",
+        f"{printer.doprint(left)} {sign} {printer.doprint(right)}",
+        f"{left} {sign} {right}",
+    )
+
+
+def _rows(
+    equation: Callable[[str, str, sp.Basic, str], Equation],
+    caption: str,
+    letter: str,
+    column: sp.Matrix,
+) -> tuple[Equation, ...]:
+    """Return one equation a servo-constraint, numbered where there are several."""
+    if len(column) == 1:
+        return (equation(caption, letter, column[0], letter),)
+    return tuple(
+        equation(caption, f"{letter}_{k}", value, f"{letter}{k}")
+        for k, value in enumerate(column, 1)
     )
 
 

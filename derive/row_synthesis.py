@@ -57,7 +57,7 @@ def _output_row(
         adjugate = [
             [x + trace if i == j else x for j, x in enumerate(row)] for i, row in enumerate(product)
         ]
-        column = [sum(a * b for a, b in zip(row, vector, strict=True)) for row in adjugate]
+        column = [_dot(row, vector) for row in adjugate]
         columns.append(column)
     found = _solve(columns, [[c] for c in wanted])
     return [row[0] for row in found] if found else None
@@ -65,10 +65,11 @@ def _output_row(
 
 def _multiplied(left: Rows, right: Rows) -> Rows:
     turned = list(zip(*right, strict=True))
-    return [
-        [sum((a * b for a, b in zip(row, c, strict=True)), Fraction(0)) for c in turned]
-        for row in left
-    ]
+    return [[_dot(row, column) for column in turned] for row in left]
+
+
+def _dot(left: Sequence[Fraction], right: Sequence[Fraction]) -> Fraction:
+    return sum((a * b for a, b in zip(left, right, strict=True)), Fraction(0))
 
 
 def _solve(matrix: Rows, right: Rows) -> Rows | None:

@@ -24,14 +24,17 @@ class ZeroDynamics:
     """Coefficients of the characteristic polynomial (highest first) and the gains it determines.
 
     `wanted` are the symbols c_(k-1) ... c_0 of a monic polynomial, `gains` the synthesised gains
-    in terms of them. For larger plants the coefficients are written in entries of the
-    linearisation, which `entries` gives in the order of definition; else it is empty.
+    in terms of them. `in_slopes` are the coefficients with the entries of dF/dq' that friction
+    makes up named by the symbols of `slopes`, which has what these stand for. For larger plants
+    both are written in entries of the linearisation, which `entries` gives; else it is empty.
     """
 
     coefficients: tuple[sp.Expr, ...]
     entries: tuple[tuple[sp.Symbol, sp.Expr], ...]
     wanted: tuple[sp.Symbol, ...]
     gains: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    in_slopes: tuple[sp.Expr, ...]
+    slopes: tuple[tuple[sp.Symbol, sp.Expr], ...]
 
 
 def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> ZeroDynamics:
@@ -44,10 +47,11 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     """
     linear = linearise(spec, dynamics, constraint)
     still = {TIME: 0}
+    damping, slopes = _named_slopes(spec, linear.damping)
     named = _Entries()
     plant = (
         named("mass", linear.mass.subs(still)) * POLE**2
-        + named("damping", linear.damping.subs(still)) * POLE
+        + named("damping", damping.subs(still)) * POLE
         + named("stiffness", linear.stiffness.subs(still))
     )
     row = named("rate_row", linear.rate_row.subs(still)) * POLE + named(
@@ -64,22 +68,26 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
         )
     )
     matrix = DomainMatrix.from_Matrix(pencil)
-    found = sp.Poly(matrix.domain.to_sympy(matrix.det()), POLE).all_coeffs()
+    in_slopes = sp.Poly(matrix.domain.to_sympy(matrix.det()), POLE).all_coeffs()
     if len(spec.coordinates) <= SMALL or len(named.values) < _FEW_ENTRIES:
-        found = [sp.factor(c.subs(named.values)) for c in found]
+        in_slopes = [sp.expand(c.subs(named.values)) for c in in_slopes]
         named.values.clear()
-    while found and found[0] == 0:
-        found = found[1:]
-    if not found:
+    coefficients = [
+        c.xreplace(dict(slopes)) if named.values else sp.factor(c.xreplace(dict(slopes)))
+        for c in in_slopes
+    ]
+    while coefficients and coefficients[0] == 0:  # slopes that are related may cancel
+        in_slopes, coefficients = in_slopes[1:], coefficients[1:]
+    if not coefficients:
         raise InputError(
             f"model {spec.name}: ADB is identically zero, the actuators do not move s",
             remedy="choose a servo-constraint that the actuators reach",
             about="residual",
         )
-    coefficients = tuple(found)
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
-    gains = () if named.values else _synthesise(spec, coefficients, wanted)
-    return ZeroDynamics(coefficients, tuple(named.values.items()), wanted, gains)
+    gains = () if named.values else _synthesise(spec, tuple(coefficients), wanted)
+    entries = tuple(named.values.items())
+    return ZeroDynamics(tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes)
 
 
 class _Entries:
@@ -126,6 +134,30 @@ def _with_own_motion(spec: ModelSpec, row: sp.Matrix, named: _Entries) -> sp.Mat
         through = named(f"drift_residual_{r + 1}", own) * row
         row[r, :] = row[r, :] * POLE + direct + through
     return row
+
+
+def _named_slopes(
+    spec: ModelSpec, damping: sp.Matrix
+) -> tuple[sp.Matrix, tuple[tuple[sp.Symbol, sp.Expr], ...]]:
+    """Name the entries of dF/dq' that friction makes up, as their sums of products hide the rest.
+
+    The slope of the force on q under its own rate is `damping_q`, under that of r `damping_q_r`.
+    """
+    rubbing = {symbol_of(p) for p in spec.parameters_in("uncertainty")}
+    names = {p.name for p in spec.parameters}
+    slopes: dict[sp.Symbol, sp.Expr] = {}
+    shown = damping.as_mutable()
+    for i, row in enumerate(spec.coordinates):
+        for j, column in enumerate(spec.coordinates):
+            entry = damping[i, j]
+            if entry.is_Symbol or not entry.free_symbols & rubbing:
+                continue
+            name = f"damping_{row.name}" + ("" if i == j else f"_{column.name}")
+            while name in names:
+                name += "_"
+            shown[i, j] = sp.Symbol(name, real=True)
+            slopes[shown[i, j]] = entry
+    return shown, tuple(slopes.items())
 
 
 def _synthesise(

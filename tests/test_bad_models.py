@@ -76,8 +76,8 @@ BROKEN = {
     "an actuator without a constraint": (
         'actuators=(Actuator("tau", "N*m", "motor torque on link 1"),),',
         'actuators=(Actuator("tau", "N*m", ""), Actuator("tau2", "N*m", "")),',
-        "own/spec.py: input_matrix has shape (2, 1), but (2, 2) is needed",
-        "a constraint is needed for each actuator",
+        "own/spec.py: 1 servo-constraints (s) for 2 actuators",
+        "give one constraint for each actuator",
     ),
     "a force on three joints": (
         "Matrix([_uncertain_force(p, 1, dq1),",
@@ -88,14 +88,20 @@ BROKEN = {
     "a symbol too many": (
         "residual_symbols=(s,),",
         "residual_symbols=(s, s),",
-        "own/spec.py: constraint.residual_symbols has shape (2,), but (1,) is needed",
-        "mend it",
+        "own/spec.py: 2 servo-constraints (s, s) for 1 actuators",
+        "give one constraint for each actuator",
     ),
-    "a constraint that is not affine": (
+    "a constraint that contains an acceleration": (
         "(dq2 + p.lam2 * e2)",
-        "(dq2 * dq1 + p.lam2 * e2)",
-        "the servo-constraint is not affine in the velocities",
-        "A(q) q' + a(q)",
+        "(dq2 + coordinates[0].acceleration + p.lam2 * e2)",
+        "own/spec.py:{line}: a servo-constraint contains the acceleration ddq1",
+        "give it as a second-order constraint",
+    ),
+    "a constraint on positions alone": (
+        "(dq2 + p.lam2 * e2)",
+        "(p.lam2 * e2)",
+        "XX",
+        "",
     ),
     "a constraint out of reach": (
         "Matrix([1, 0])",

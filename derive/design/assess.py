@@ -18,6 +18,7 @@ from pfaffian.derive.parameter_set import (
 )
 from pfaffian.derive.parameters import RawSet
 from pfaffian.derive.program import evaluate
+from pfaffian.derive.routh import HurwitzMargin, hurwitz_margins, routh_column
 from scipy.optimize import brentq
 
 _SCAN_STEPS = 720
@@ -31,13 +32,16 @@ class Design:
     `input_gain` is ADB at the setpoint, `contraction` kappa (ADB)^2 there in 1/s, the rate at which
     p2 shrinks beta; for several actuators they are the determinant of ADB and the rate of its
     least singular value. `sampled_contraction` is the rate times the sample time: the printed law,
-    held for a period, needs it below 2. `violated` names the closed-form stability conditions (of
-    the plant without friction) that do not hold where the zero dynamics are unstable.
+    held for a period, needs it below 2. `routh_column` is the first column of Routh's array, and
+    `hurwitz` has the derived conditions with their margins: all are positive if and only if the
+    zero dynamics are stable. Where they are not, `violated` names the conditions that do not hold.
     """
 
     gains: dict[str, float]
     zero_dynamics_poles: tuple[complex, ...]
     stable: bool
+    routh_column: tuple[float, ...]
+    hurwitz: tuple[HurwitzMargin, ...]
     violated: tuple[str, ...]
     input_gain: float
     singular_distance_rad: float
@@ -65,6 +69,8 @@ def assess(model: LoweredModel, parameters: ParameterSet) -> Design:
         gains={name: values[name] for name in gain_names(model)},
         zero_dynamics_poles=roots_of(polynomial),
         stable=stable,
+        routh_column=routh_column(polynomial),
+        hurwitz=hurwitz_margins(model, values),
         violated=() if stable else tuple(violated_bounds(model, values)),
         input_gain=gain,
         singular_distance_rad=distance,

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 from pfaffian.derive.design.assess import gain_names
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import places_poles, polynomial_of, synthesise_gains, zero_polynomial
+from pfaffian.derive.parameter_set import (
+    places_poles,
+    polynomial_of,
+    synthesise_gains,
+    zero_polynomial,
+)
 from pfaffian.derive.parameters import parse_poles
 from pfaffian.runtime.errors import InputError
 from scipy.optimize import least_squares

@@ -91,9 +91,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             }
             for s in emission.sets
         ],
-        "bounds": [
-            {"name": name, "bound": repr(bound)} for name, bound in measured_bounds(model)
-        ],
+        "bounds": [{"name": name, "bound": repr(bound)} for name, bound in measured_bounds(model)],
         "parameter_bounds": [
             {
                 "name": p.name,

@@ -99,9 +99,7 @@ def _energies(m: ModelBuilder, links: int, q: tuple[sp.Symbol, ...]) -> tuple[sp
     )
 
 
-def _residual(
-    m: ModelBuilder, k: int, dq: tuple[sp.Symbol, ...], errors: list[sp.Expr]
-) -> sp.Expr:
+def _residual(m: ModelBuilder, k: int, dq: tuple[sp.Symbol, ...], errors: list[sp.Expr]) -> sp.Expr:
     """Return s_k = sum_j (w_kj q_j' + r_kj e_j): with weights in kg m^2, ADB is a plain number."""
     value = sp.S.Zero
     for j, (rate, error) in enumerate(zip(dq, errors, strict=True)):
