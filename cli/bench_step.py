@@ -148,7 +148,7 @@ def _print(document: Mapping[str, Any]) -> None:
         cells = [count[k] for k in _COLUMNS] if count else ["-"] * len(_COLUMNS)
         rows.append([name, *cells, f"{plain[name]:.1f}", f"{fused[name]:.1f}" if fused else "-"])
     output.table(
-        "one control step, the same law on the same states",
+        "one control step: instructions on the PowerPC 750, nanoseconds on the host",
         ("tool", "best", "median", "worst", "text [B]", "stack [B]", "host [ns]", "-mfma [ns]"),
         rows,
     )

@@ -29,6 +29,8 @@ _HAND_PARAMETERS = (
     *("eta", "kappa", "epsilon", "q1d", "q2d", "sample_time", "torque_limit"),
     *("singular_threshold", "leakage_decay", "adaptation_step"),
 )
+#: Members of `hand_state_t` that are compared.
+_HAND_STATE = ("constraint_offset", "drift_previous", "bound_estimate")
 #: How the step of a tool over arrays is called.
 SIGNATURE = "const double *given, const double *constant, double *result"
 
@@ -216,11 +218,20 @@ def _in_order(
 
 def by_hand(block: Block, folder: GeneratedFolder, *, libm: bool) -> StepTool:
     """Return the step written by hand, on libm or on our elementary functions."""
+    bench = files("pfaffian.templates").joinpath("bench")
+    sources = {n: bench.joinpath(n).read_text(encoding="utf-8") for n in ("hand.c", "hand.h")}
+    sources["adapter.c"] = _hand_adapter(block).text(block)
+    units, entry, taken = ("hand.c",), "hand_step", ("tau", *_HAND_STATE)
+    if libm:
+        sources["hand.c"] = "#define HAND_LIBM\n" + sources["hand.c"]
+        return StepTool("hand_libm", sources, units, entry, taken, libm=True)
+    return StepTool("hand", {**sources, **_elementary(folder)}, units, entry, taken)
+
+
+def _hand_adapter(block: Block) -> Adapter:
     given, constants = given_names(block), constant_names(block)
-    state = ("engaged", "constraint_offset", "drift_previous", "bound_estimate")
-    taken = ("tau", "constraint_offset", "drift_previous", "bound_estimate")
-    measured = tuple(n for n in given if n not in state)
-    adapter = Adapter(
+    measured = tuple(n for n in given if n not in ("engaged", *_HAND_STATE))
+    return Adapter(
         declarations=('#include "hand.h"',),
         storage=(
             "static hand_state_t state[CAPACITY];",
@@ -235,24 +246,15 @@ def by_hand(block: Block, folder: GeneratedFolder, *, libm: bool) -> StepTool:
         ),
         load=(
             *(f"input[i].{n} = given[{given.index(n)}];" for n in measured),
-            *(
-                f"state[i].{n} = {'(uint32_t)' if n == 'engaged' else ''}given[{given.index(n)}];"
-                for n in state
-            ),
+            *(f"state[i].{n} = given[{given.index(n)}];" for n in _HAND_STATE),
+            f"state[i].engaged = (uint32_t)given[{given.index('engaged')}];",
         ),
-        call=("hand_step(&state[i], &law, &input[i], &torque[i]);",),
-        store=tuple(
-            f"taken[{k}] = {'torque[i]' if n == 'tau' else f'state[i].{n}'};"
-            for k, n in enumerate(taken)
+        call=("(void)hand_step(&state[i], &law, &input[i], &torque[i]);",),
+        store=(
+            "taken[0] = torque[i];",
+            *(f"taken[{k + 1}] = state[i].{n};" for k, n in enumerate(_HAND_STATE)),
         ),
     )
-    bench = files("pfaffian.templates").joinpath("bench")
-    sources = {n: bench.joinpath(n).read_text(encoding="utf-8") for n in ("hand.c", "hand.h")}
-    sources["adapter.c"] = adapter.text(block)
-    if libm:
-        sources["hand.c"] = "#define HAND_LIBM\n" + sources["hand.c"]
-        return StepTool("hand_libm", sources, ("hand.c",), "hand_step", taken, libm=True)
-    return StepTool("hand", {**sources, **_elementary(folder)}, ("hand.c",), "hand_step", taken)
 
 
 def _elementary(folder: GeneratedFolder) -> dict[str, str]:

@@ -77,12 +77,12 @@ int hand_step(
     const double bias2 = MADD(h * dq1, dq1, gravity12);
     const double det = MINUS(law->theta1_theta2, x, x);
     const double n1 = law->row1 - x, n2 = MADD(law->row2_slope, x, law->row2);
-    const double wanted = drift + MADD(law->lam2, dq2, law->lam_lam1 * dq1);
+    const double wanted = MADD(law->lam_lam1, dq1, MADD(law->lam2, dq2, drift));
     const double demand = MADD(n1, bias1, MINUS(n2 * bias2, det, wanted));
     const double adb = n1 / det;
 
     /* p1, (17); next to ADB = 0 it is scaled down. */
-    const double p1 = __builtin_fabs(adb) < law->singular_threshold
+    double total = __builtin_fabs(adb) < law->singular_threshold
         ? adb * demand / (det * law->threshold_squared)
         : demand / n1;
 
@@ -94,15 +94,16 @@ int hand_step(
     const double effort = state->bound_estimate * regressor;
     const double rate = law->period * (adb * adb);
     double gain = MADD(effort * effort, law->epsilon_inverse, law->kappa);
-    double push = 0.0, numerator = bhat, denominator = MADD(rate, gain, 1.0);
+    double numerator = bhat, denominator = MADD(rate, gain, 1.0);
     if (effort * __builtin_fabs(bhat) > law->epsilon * denominator) {
+        const double push = bhat < 0.0 ? -effort : effort;
         gain = law->kappa;
-        push = bhat < 0.0 ? -effort : effort;
+        total -= push;
         numerator = MINUS(bhat, rate, push);
         denominator = MADD(rate, gain, 1.0);
     }
     const double bhat_next = numerator / denominator;
-    const double total = MINUS(p1 - push, gain, bhat_next);
+    total = MINUS(total, gain, bhat_next);
 
     /* Saturation holds integral and adaptation. What is not finite came from the input. */
     const double size = __builtin_fabs(total), limit = law->torque_limit;
