@@ -231,6 +231,23 @@ def bench_regenerate(
     bench_regeneration(model, runs, json)
 
 
+@bench_app.command("step")
+def bench_step(
+    states: Annotated[
+        int, typer.Option(min=2, max=256, help="States along a flight, and as many at random.")
+    ] = 64,
+    passes: Annotated[int, typer.Option(min=1, help="Timed passes over the states.")] = 301,
+    rows: Annotated[
+        int, typer.Option(min=1, help="States of the vectorised NumPy call.")
+    ] = 100_000,
+    json: Json = False,
+) -> None:
+    """Count and time one control step: ours, CasADi's and SymPy's C, and two written by hand."""
+    from pfaffian.cli.bench_step import bench_step as run_bench
+
+    run_bench(states, passes, rows, json)
+
+
 @bench_app.command("chain")
 def bench_chain(
     links: Annotated[str, typer.Option(help="Numbers of links, separated by commas.")] = "2,4,6,8",

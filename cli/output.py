@@ -74,7 +74,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) 
     """Print a table on standard output."""
     sheet = Table(title=title, title_justify="left", header_style="bold")
     for column in columns:
-        sheet.add_column(column, overflow="fold")
+        sheet.add_column(escape(column), overflow="fold")
     for row in rows:
         sheet.add_row(*(escape(str(cell)) for cell in row))
     out.print(sheet)

@@ -27,6 +27,16 @@ ZIG_PPC_FLAGS = (
     "-fno-sanitize=all",
     "-Wl,--image-base=0x10000",
 )
+#: The same processor under an operating system's ABI, without its start-up code.
+PPC750_LIBM_FLAGS = (
+    "-target",
+    "powerpc-linux-musleabihf",
+    "-mcpu=750",
+    "-fno-sanitize=all",
+    "-nostartfiles",
+    "-static",
+    "-Wl,--image-base=0x10000",
+)
 GCC_PPC = "powerpc-linux-gnu-gcc"
 GCC_PPC_FLAGS = ("-fno-pie", "-no-pie", "-Wl,-Ttext-segment=0x10000")
 
@@ -75,6 +85,20 @@ def ppc750_target(toolchain: str = "auto") -> Target:
         remedy="install one: pip install 'pfaffian[target]' for zig, "
         "or apt-get install gcc-powerpc-linux-gnu",
     )
+
+
+def ppc750_libm_target() -> Target:
+    """Return the PowerPC 750 with musl's libm, for code that calls a C library.
+
+    Only zig brings that library along; it builds it at the first use, which takes a minute. Raises
+    `MissingToolError` without zig.
+    """
+    if not importlib.util.find_spec("ziglang"):
+        raise MissingToolError(
+            "no C library for PowerPC found: it comes with zig",
+            remedy="install it: pip install 'pfaffian[target]' (or pip install ziglang)",
+        )
+    return Target("ppc750-libm", _zig(), PPC750_LIBM_FLAGS, ">")
 
 
 def _zig() -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY
-from pfaffian.cli.main import app
+from pfaffian.cli.main import app, bench_app
 from pfaffian.derive.library import library_models
 from pfaffian.derive.verify import compare
 from pfaffian.runtime.flight import Trajectory
@@ -34,6 +34,7 @@ COMMANDS = (
     "run",
     "bench",
 )
+BENCHMARKS = ("step", "regenerate", "chain")
 FLIGHT = ("steps", "mode", "iae_q1", "iae_q2", "mae2_q1", "mae2_q2", "peak_torque")
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -265,6 +266,9 @@ def test_help_of_every_command(run):
     assert names | {"bench"} == set(COMMANDS)  # no command is missing from this test
     for command in set(COMMANDS) - {"bench"}:
         assert "--json" in run(command, "--help").out
+    assert {c.name for c in bench_app.registered_commands} == set(BENCHMARKS)
+    for benchmark in BENCHMARKS:
+        assert "--json" in run("bench", benchmark, "--help").out
 
 
 def test_nothing_asked_shows_the_help_and_is_bad_input(run):
