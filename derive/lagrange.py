@@ -43,7 +43,11 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     check_mass_matrix(spec, mass)
     gravity = sp.Matrix([potential]).jacobian(q).T
     coriolis = christoffel_matrix(mass, q, dq)
-    force = coriolis * dq if len(q) <= SMALL else velocity_forces(mass, list(q), list(dq))
+    force = (
+        (coriolis * dq).applyfunc(sp.factor)
+        if len(q) <= SMALL
+        else velocity_forces(mass, list(q), list(dq))
+    )
     return Dynamics(
         mass_matrix=Matrix(mass),
         coriolis_matrix=Matrix(coriolis),

@@ -9,6 +9,7 @@ from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.lowered import ActuatorInterface, CoordinateInterface, LoweredModel
 from pfaffian.derive.lowering import lower
+from pfaffian.derive.optimise.passes import optimise
 from pfaffian.derive.program import program_to_json
 from pfaffian.derive.render import derivation_json, derivation_latex, derivation_markdown
 
@@ -16,7 +17,7 @@ from pfaffian.derive.render import derivation_json, derivation_latex, derivation
 def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> LoweredModel:
     """Lower every block of `derivation` and write its readable documents."""
     spec = derivation.spec
-    programs = tuple(lower(block) for block in derivation.blocks)
+    programs, passes = optimise([lower(block) for block in derivation.blocks])
     content = json.dumps([program_to_json(p) for p in programs], sort_keys=True)
     return LoweredModel(
         name=spec.name,
@@ -30,6 +31,7 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
         parameters=spec.parameters,
         limits=tuple(limit.name for limit in spec.law.limits),
         programs=programs,
+        passes=passes,
         documents=(
             ("derivation.md", derivation_markdown(derivation)),
             ("derivation.tex", derivation_latex(derivation)),

@@ -32,11 +32,22 @@ class ActuatorInterface:
 
 
 @dataclass(frozen=True)
+class PassReport:
+    """Operations of one program before and after one optimiser pass."""
+
+    program: str
+    name: str
+    before: int
+    after: int
+
+
+@dataclass(frozen=True)
 class LoweredModel:
     """Programs, declarations and readable documents of one model; `sha256` identifies it.
 
-    `limits` names the parameter that limits each actuator. `elementary` holds the coefficients of
-    the elementary functions, ready for their templates.
+    `passes` says what the optimiser did to the emitted programs. `limits` names the parameter that
+    limits each actuator. `elementary` holds the coefficients of the elementary functions, ready for
+    their templates.
     """
 
     name: str
@@ -47,6 +58,7 @@ class LoweredModel:
     parameters: tuple[Parameter, ...]
     limits: tuple[str, ...]
     programs: tuple[Program, ...]
+    passes: tuple[PassReport, ...]
     documents: tuple[tuple[str, str], ...]
     tools: tuple[tuple[str, str], ...]
     elementary: Mapping[str, Any]
@@ -75,6 +87,7 @@ def lowered_to_json(model: LoweredModel) -> str:
     document["coordinates"] = [asdict(c) for c in model.coordinates]
     document["actuators"] = [asdict(a) for a in model.actuators]
     document["parameters"] = [asdict(p) for p in model.parameters]
+    document["passes"] = [asdict(p) for p in model.passes]
     document["programs"] = [program_to_json(p) for p in model.programs]
     return json.dumps(document, separators=(",", ":"), sort_keys=True)
 
@@ -92,6 +105,7 @@ def lowered_from_json(text: str) -> LoweredModel:
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),
         limits=tuple(d["limits"]),
+        passes=tuple(PassReport(**p) for p in d["passes"]),
         programs=tuple(program_from_json(p) for p in d["programs"]),
         documents=tuple((k, v) for k, v in d["documents"]),
         tools=tuple((k, v) for k, v in d["tools"]),

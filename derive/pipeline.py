@@ -49,7 +49,21 @@ _DERIVATION_CODE = (
     "spec_check",
     "zero_dynamics",
 )
-_LOWERING_CODE = ("elementary", "lower_model", "lowered", "lowering", "render")
+_LOWERING_CODE = (
+    "elementary",
+    "lower_model",
+    "lowered",
+    "lowering",
+    "optimise/angle_sums",
+    "optimise/divisions",
+    "optimise/multiply_add",
+    "optimise/parameter_products",
+    "optimise/passes",
+    "optimise/prepare",
+    "optimise/schedule",
+    "optimise/tape",
+    "render",
+)
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -23,6 +23,9 @@ class Op(StrEnum):
     SUB = "sub"
     MUL = "mul"
     DIV = "div"
+    FMA = "fma"  # a b + c, rounded once
+    FMS = "fms"  # a b - c
+    FNMS = "fnms"  # c - a b
     NEG = "neg"
     ABS = "abs"
     SIGN = "sign"
@@ -94,6 +97,30 @@ class Program:
         return dict(sorted(counts.items()))
 
 
+def without_dead(program: Program) -> Program:
+    """Return `program` without the instructions that no result needs; inputs all stay."""
+    alive = set(program.results)
+    for index in reversed(range(len(program.instructions))):
+        if index in alive:
+            alive.update(program.instructions[index].args)
+    moved: dict[int, int] = {}
+    kept: list[Instruction] = []
+    for index, instruction in enumerate(program.instructions):
+        if index in alive or instruction.op is Op.INPUT:
+            moved[index] = len(kept)
+            kept.append(replace(instruction, args=tuple(moved[a] for a in instruction.args)))
+    results = tuple(moved[r] for r in program.results)
+    return replace(program, instructions=tuple(kept), results=results)
+
+
+def restricted(program: Program, *groups: str) -> Program:
+    """Return `program` with only those outputs, and what they need."""
+    pairs = zip(program.outputs, program.results, strict=True)
+    kept = [(signal, index) for signal, index in pairs if signal.group in groups]
+    outputs, results = tuple(s for s, _ in kept), tuple(i for _, i in kept)
+    return without_dead(replace(program, outputs=outputs, results=results))
+
+
 def _sign(x: float) -> float:
     return float(x > 0.0) - float(x < 0.0)
 
@@ -105,11 +132,26 @@ def _exp(x: float) -> float:
         return math.inf
 
 
+def _fused(a: float, b: float, c: float) -> float:
+    """Return a b + c, rounded once."""
+    if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
+        return a * b + c
+    from fractions import Fraction  # exact; only emitted programs hold fused operations
+
+    try:
+        return float(Fraction(a) * Fraction(b) + Fraction(c))
+    except OverflowError:
+        return a * b + c
+
+
 _EVALUATE: dict[Op, Callable[..., float]] = {
     Op.ADD: lambda a, b: a + b,
     Op.SUB: lambda a, b: a - b,
     Op.MUL: lambda a, b: a * b,
     Op.DIV: lambda a, b: a / b if b else math.nan,
+    Op.FMA: _fused,
+    Op.FMS: lambda a, b, c: _fused(a, b, -c),
+    Op.FNMS: lambda a, b, c: _fused(-a, b, c),
     Op.NEG: lambda a: -a,
     Op.ABS: abs,
     Op.SIGN: _sign,

@@ -195,29 +195,34 @@ def _one_actuator(
     rate: sp.Symbol,
     layer: sp.Symbol,
 ) -> _Solved:
-    """Solve the implicit step exactly; taking the maximum keeps the digits inside the layer."""
-    define, law, bhat = builder.define, spec.law, scaled[0]
+    """Solve the implicit step exactly, for |bhat|; the maximum keeps the digits inside the layer.
+
+    The sign of bhat does not change within a period: p2 and p3 get it back at the end.
+    """
+    define, law = builder.define, spec.law
+    size = define("bhat_size", sp.Abs(scaled[0]), "|bhat|", units.scaled)
     inside = define(
         "bhat_inside",
-        bhat / (1 + rate * (law.kappa + layer)),
-        "bhat after the period, inside the layer",
+        size / (1 + rate * (law.kappa + layer)),
+        "|bhat| after the period, inside the layer",
         units.scaled,
     )
     outside = define(
         "bhat_outside",
-        (sp.Abs(bhat) - rate * effort) / (1 + rate * law.kappa),
+        (size - rate * effort) / (1 + rate * law.kappa),
         "|bhat| after the period, outside the layer",
         units.scaled,
     )
-    after = define(
-        "bhat_next",
-        sp.sign(bhat) * sp.Max(sp.Abs(inside), outside),
-        "bhat after the period",
-        units.scaled,
-    )
-    p2 = define("p2", -law.kappa * after, "(18)", units.force)
-    p3 = define("p3", -sp.Min(sp.Max(layer * inside, -effort), effort), "(19), (23)", units.force)
-    return (p2,), (p3,), sp.Abs(after)
+    after = define("bhat_next", sp.Max(inside, outside), "|bhat| after the period", units.scaled)
+    pull = define("p3_size", sp.Min(layer * inside, effort), "|p3|", units.force)
+    opposed = scaled[0] < 0
+
+    def against(value: sp.Expr) -> sp.Expr:
+        return sp.Piecewise((value, opposed), (-value, True))
+
+    p2 = define("p2", against(law.kappa * after), "(18)", units.force)
+    p3 = define("p3", against(pull), "(19), (23)", units.force)
+    return (p2,), (p3,), after
 
 
 def _several_actuators(
@@ -266,14 +271,20 @@ def _give_torque(
 ) -> sp.Basic:
     """Let the saturated torques and the flags leave; return the condition of saturation."""
     law, m = spec.law, len(spec.actuators)
-    for name, actuator, total, limit in zip(
-        per_actuator("command", spec), spec.actuators, torque.total, law.limits, strict=True
+    beyond = [sp.Abs(t) > limit for t, limit in zip(torque.total, law.limits, strict=True)]
+    for name, actuator, total, limit, over in zip(
+        per_actuator("command", spec),
+        spec.actuators,
+        torque.total,
+        law.limits,
+        beyond,
+        strict=True,
     ):
+        most = sp.Piecewise((-limit, total < 0), (limit, True))
         command = builder.define(
-            name, sp.Min(sp.Max(total, -limit), limit), "saturated torque", actuator.unit
+            name, sp.Piecewise((most, over), (total, True)), "saturated torque", actuator.unit
         )
         builder.give(actuator.name, command, actuator.unit, "torque, (16), within its limit")
-    beyond = [sp.Abs(t) > limit for t, limit in zip(torque.total, law.limits, strict=True)]
     saturated = sp.Or(*beyond) if m > 1 else beyond[0]
     give_parts(builder, spec, shared, beta, torque.parts)
     builder.give(
@@ -281,7 +292,7 @@ def _give_torque(
     )
     builder.give(
         "near_singular",
-        sp.Piecewise((1, sp.Abs(shared.adb_det) < law.singular_threshold), (0, True)),
+        sp.Piecewise((1, shared.adb_det**2 < law.singular_threshold**2), (0, True)),
         "",
         "|ADB| below its least",
         "flag",

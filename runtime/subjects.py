@@ -43,7 +43,10 @@ class MachineSubject:
         return records
 
     def _step(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
-        state, params = (self._filled(r, values, count) for r in ("state", "params"))
+        state, params = self.model.records("state", count), self._filled("params", values, count)
+        self.model.init(state, params, np.zeros(count, np.int32))  # what the step takes prepared
+        for name in state.dtype.names or ():
+            state[name] = values.get(name, state[name])
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
         self.model.step(state, params, self._filled("input", values, count), output, status)
         codes = self.model.folder.manifest.status
@@ -107,9 +110,10 @@ class PythonSubject:
 
     def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
         params = self._filled("params", values)
-        state, output, status = self._module.step(
-            self._filled("state", values), params, self._filled("input", values)
-        )
+        prepared, _ = self._module.init(params)
+        for name in vars(prepared):
+            setattr(prepared, name, values.get(name, getattr(prepared, name)))
+        state, output, status = self._module.step(prepared, params, self._filled("input", values))
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},

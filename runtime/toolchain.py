@@ -18,7 +18,14 @@ from pfaffian.runtime.errors import CheckError, MissingToolError
 from pfaffian.runtime.manifest import Manifest
 
 #: Flags every build needs for the same bits: no contraction, no library of the compiler's own.
-COMMON_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-g0")
+COMMON_FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-g0",
+    "-fomit-frame-pointer",
+)
 #: Build for a 32-bit big-endian PowerPC 750 without an operating system.
 PPC750_FLAGS = ("-mcpu=750", "-ffreestanding", "-fno-builtin", "-nostdlib", "-static")
 ZIG_PPC_FLAGS = (

@@ -14,10 +14,11 @@ from pfaffian.derive.emit.emitter import (
     measured_bounds,
     snake,
 )
+from pfaffian.derive.emit.finite import values_to_check
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Op, Program, Signal
+from pfaffian.derive.program import Op, Program, Signal, restricted
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
 _WIDTH = 100
@@ -31,6 +32,9 @@ def c_literal(value: float) -> str:
 
 DIALECT = Dialect(
     patterns={
+        Op.FMA: "pf_fma({0}, {1}, {2})",
+        Op.FMS: "pf_fms({0}, {1}, {2})",
+        Op.FNMS: "pf_fnms({0}, {1}, {2})",
         Op.ABS: "pf_abs({0})",
         Op.SIGN: "pf_sign({0})",
         Op.MIN: "pf_min({0}, {1})",
@@ -51,6 +55,7 @@ DIALECT = Dialect(
     },
     literal=c_literal,
     pairs_sine_and_cosine=True,
+    truths={"engaged": "(engaged != 0U)"},
 )
 
 
@@ -100,8 +105,8 @@ def body_of(program: Program, member: Callable[[int, Signal], str]) -> Body:
         if index not in used:
             continue
         place = member(index, signal)
-        value = f"(({place} != 0U) ? 1.0 : 0.0)" if signal.name == "engaged" else place
-        lines.append(f"    const double {signal.name} = {value};")
+        kind = "uint32_t" if signal.name in DIALECT.truths else "double"
+        lines.append(f"    const {kind} {signal.name} = {place};")
     lines.append("")
     statements, results = statements_of(program, DIALECT)
     for statement in statements:
@@ -153,10 +158,9 @@ def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
 
 
 def _domain(model: LoweredModel) -> list[str]:
-    """Return one C condition a measurement: within its domain, false for NaN."""
+    """Return one C condition a measurement: inside its domain, false for NaN."""
     return [
-        f"(input->{name} >= -{c_literal(bound)}) && (input->{name} <= {c_literal(bound)})"
-        for name, bound in measured_bounds(model)
+        f"(pf_abs(input->{name}) < {c_literal(bound)})" for name, bound in measured_bounds(model)
     ]
 
 
@@ -166,6 +170,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     structures = structures_of(model)
     controller = _pointers(input="input", state="state", prepared="state", parameter="params")
     step = body_of(model.program("step"), controller)
+    prepare = model.program("prepare")
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = _pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
@@ -186,11 +191,10 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
-        "checked": [
-            step.results[s.name] for s in model.program("step").outputs if s.group != "flag"
-        ],
+        "checked": [step.results[name] for name in values_to_check(model.program("step"))],
         "next_state": [s.name for s in model.program("step").outputs if s.group == "next_state"],
-        "prepare": body_of(model.program("prepare"), controller),
+        "prepare": body_of(restricted(prepare, "prepared"), controller),
+        "start": body_of(restricted(prepare, "state"), controller),
         "continuous": body_of(model.program("continuous"), controller),
         "acceleration": body_of(model.program("acceleration"), plant),
         "energy": body_of(model.program("energy"), plant),

@@ -10,12 +10,16 @@ from pfaffian.derive.emit.emitter import (
     measured_bounds,
     snake,
 )
+from pfaffian.derive.emit.finite import values_to_check
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.program import Op, Program
 
 DIALECT = Dialect(
     patterns={
+        Op.FMA: "({0} * {1} + {2})",
+        Op.FMS: "({0} * {1} - {2})",
+        Op.FNMS: "({2} - {0} * {1})",
         Op.ABS: "np.abs({0})",
         Op.SIGN: "_sign({0})",
         Op.MIN: "_min({0}, {1})",
@@ -106,6 +110,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "output_names": structures["output"].names(),
         "limits": model.limits,
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
+        "checked": values_to_check(step),
         "step": _body(step, controller),
         "prepare": _body(model.program("prepare"), controller),
         "continuous": _body(model.program("continuous"), controller),

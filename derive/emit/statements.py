@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
-from pfaffian.derive.program import LOGICAL, Instruction, Op, Program
+from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, without_dead
 
 _SUM, _PRODUCT, _UNARY, _ATOM = 1, 2, 3, 4
 
@@ -23,6 +23,8 @@ class Dialect:
     patterns: Mapping[Op, str]
     literal: Callable[[float], str]
     pairs_sine_and_cosine: bool
+    #: Inputs that are truth values, and how their truth is written.
+    truths: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -127,11 +129,25 @@ class _Writer:
         if instruction.op in (Op.SIN, Op.COS):
             return self._fresh(f"{instruction.op}_{self._suffix(instruction.args[0])}")
         a, b = (*instruction.args, -1)[:2]
+        if self._truth(instruction):
+            return self._fresh(f"is_{self.texts[b].text}")
         if instruction.op is Op.MUL and a == b and re.fullmatch(r"\w+", self.texts[a].text):
             return self._fresh(f"{self.texts[a].text}_squared")
         return self._fresh(f"t{index}")
 
+    def _truth(self, instruction: Instruction) -> str:
+        """Return how `0 < input` is written where the input is a truth value, else nothing."""
+        if instruction.op is not Op.LESS:
+            return ""
+        zero, value = (self.program.instructions[a] for a in instruction.args)
+        if zero.op is not Op.CONST or zero.value != 0.0 or value.op is not Op.INPUT:
+            return ""
+        return self.dialect.truths.get(value.name, "")
+
     def _expression(self, instruction: Instruction) -> _Text:
+        truth = self._truth(instruction)
+        if truth:
+            return _Text(truth, _ATOM)
         parts = [self.texts[a] for a in instruction.args]
         if instruction.op in _INFIX:
             sign, level = _INFIX[instruction.op]
@@ -158,10 +174,34 @@ class _Writer:
         return part.text if part.precedence >= least else f"({part.text})"
 
 
+def flags_as_truths(program: Program) -> Program:
+    """Return `program` with each flag (c ? 1 : 0) replaced by c itself."""
+
+    def is_constant(index: int, value: float) -> bool:
+        i = program.instructions[index]
+        return i.op is Op.CONST and i.value == value
+
+    results, instructions = list(program.results), list(program.instructions)
+    for k, signal in enumerate(program.outputs):
+        flag = program.instructions[results[k]]
+        if signal.group == "flag" and flag.op is Op.SELECT:
+            condition, one, zero = flag.args
+            if is_constant(one, 1.0) and is_constant(zero, 0.0):
+                results[k] = condition
+                instructions[condition] = replace(
+                    instructions[condition], name=signal.name, comment=signal.description
+                )
+    return without_dead(replace(program, instructions=tuple(instructions), results=tuple(results)))
+
+
 def statements_of(
     program: Program, dialect: Dialect, renamed: Mapping[str, str] | None = None
 ) -> tuple[tuple[Statement, ...], dict[str, str]]:
-    """Return the statements of `program`, and for each output the expression that holds it."""
+    """Return the statements of `program`, and for each output the expression that holds it.
+
+    Flags come as truth values.
+    """
+    program = flags_as_truths(program)
     writer = _Writer(program, dialect, renamed or {})
     statements = tuple(writer.write())
     results = {

@@ -38,6 +38,9 @@ _FUNCTIONS: dict[str, Any] = {
 }
 
 
+_Compiled = tuple[str, Callable[..., Any], tuple[str, ...]]
+
+
 class Oracle:
     """Evaluates one block at 200 bits."""
 
@@ -46,14 +49,11 @@ class Oracle:
         self.block = block
         with gmpy2.context(precision=PRECISION_BITS):
             namespace = {**_FUNCTIONS, "pi": gmpy2.const_pi()}
-        inputs = set(block.symbols)
         self._steps = [_compiled(d.symbol, d.expression, namespace) for d in block.definitions]
-        self._relations = [
-            _compiled(None, side, namespace)
+        self._choices = [
+            _Choice(choice, namespace, set(block.symbols))
             for d in block.definitions
-            for relation in sorted(d.expression.atoms(Relational), key=sp.default_sort_key)
-            if not relation.free_symbols <= inputs
-            for side in (relation.lhs, relation.rhs)
+            for choice in sorted(d.expression.atoms(sp.Piecewise), key=sp.default_sort_key)
         ]
 
     def __call__(self, values: Mapping[str, float]) -> tuple[list[Any], bool]:
@@ -63,17 +63,47 @@ class Oracle:
             for name, function, needs in self._steps:
                 known[name] = function(*(known[n] for n in needs))
             outputs = [known[symbol.name] for symbol in self.block.results]
-            sides = [function(*(known[n] for n in needs)) for _, function, needs in self._relations]
-            clear = all(
-                abs(a - b) > TIE * max(abs(a), abs(b))
-                for a, b in zip(sides[0::2], sides[1::2], strict=True)
-            )
-            return outputs, clear
+            return outputs, all(choice.is_clear(known) for choice in self._choices)
+
+
+class _Choice:
+    """One Piecewise: is it clear which branch is taken, or does it not matter?"""
+
+    def __init__(
+        self, choice: sp.Piecewise, namespace: Mapping[str, Any], inputs: set[sp.Symbol]
+    ) -> None:
+        conditions = [c for _, c in choice.args]
+        relations = sorted(
+            set().union(*(c.atoms(Relational) for c in conditions)), key=sp.default_sort_key
+        )
+        self._sides = [
+            _compiled(None, side, namespace)
+            for relation in relations
+            if not relation.free_symbols <= inputs
+            for side in (relation.lhs, relation.rhs)
+        ]
+        self._branches = [_compiled(None, e, namespace) for e, _ in choice.args]
+
+    def is_clear(self, known: Mapping[str, Any]) -> bool:
+        """Return whether every comparison is decided, or all branches give the same value."""
+        sides = _values(self._sides, known)
+        if all(_apart(a, b) for a, b in zip(sides[0::2], sides[1::2], strict=True)):
+            return True
+        first, *others = _values(self._branches, known)
+        return not any(_apart(first, other) for other in others)
+
+
+def _values(functions: list[_Compiled], known: Mapping[str, Any]) -> list[Any]:
+    return [function(*(known[n] for n in needs)) for _, function, needs in functions]
+
+
+def _apart(a: Any, b: Any) -> bool:
+    return bool(abs(a - b) > TIE * max(abs(a), abs(b)))
 
 
 def _compiled(
     symbol: sp.Symbol | None, expression: sp.Basic, namespace: Mapping[str, Any]
-) -> tuple[str, Callable[..., Any], tuple[str, ...]]:
+) -> _Compiled:
     needs = sorted(expression.free_symbols, key=lambda s: s.name)
     function = sp.lambdify(needs, expression, modules=[dict(namespace), "mpmath"])
     return (symbol.name if symbol else "", function, tuple(s.name for s in needs))

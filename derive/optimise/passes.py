@@ -1,0 +1,64 @@
+"""The passes in their order, and what each of them saved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from pfaffian.derive.lowered import PassReport
+from pfaffian.derive.optimise.angle_sums import reuse_angle_sums
+from pfaffian.derive.optimise.divisions import share_divisions
+from pfaffian.derive.optimise.multiply_add import fuse_multiply_adds
+from pfaffian.derive.optimise.parameter_products import gather_parameters
+from pfaffian.derive.optimise.prepare import hoist
+from pfaffian.derive.optimise.schedule import call_early
+from pfaffian.derive.optimise.tape import rewritten
+from pfaffian.derive.program import Program
+
+#: Programs that are emitted and run again and again; `step` may prepare what does not change.
+EMITTED = ("step", "continuous", "acceleration", "energy")
+
+
+def merge_equal_values(program: Program) -> Program:
+    """Compute each value once (CSE), whichever way round its operands stand."""
+    return rewritten(
+        program, lambda tape, moved, _, i: tape.copy(i, tuple(moved[a] for a in i.args))
+    )
+
+
+PASSES: tuple[tuple[str, Callable[[Program], Program]], ...] = (
+    ("equal values", merge_equal_values),
+    ("angle sums", reuse_angle_sums),
+    ("shared divisions", share_divisions),
+    ("parameters gathered", gather_parameters),
+    ("multiply-add", fuse_multiply_adds),
+)
+
+
+def optimise(programs: Sequence[Program]) -> tuple[tuple[Program, ...], tuple[PassReport, ...]]:
+    """Return the programs with the emitted ones optimised, and what each pass did."""
+    reports: list[PassReport] = []
+    found = {p.name: p for p in programs}
+    for name in EMITTED:
+        for title, run in PASSES:
+            found[name] = _reported(found[name], title, run, reports)
+    step, prepare = hoist(found["step"], found["prepare"])
+    reports.append(PassReport("step", "prepared once", _size(found["step"]), _size(step)))
+    found["step"], found["prepare"] = step, merge_equal_values(prepare)
+    for name in EMITTED:
+        found[name] = _reported(found[name], "calls first", call_early, reports)
+    return tuple(found[p.name] for p in programs), tuple(reports)
+
+
+def _reported(
+    program: Program,
+    title: str,
+    run: Callable[[Program], Program],
+    reports: list[PassReport],
+) -> Program:
+    done = run(program)
+    reports.append(PassReport(program.name, title, _size(program), _size(done)))
+    return done
+
+
+def _size(program: Program) -> int:
+    return sum(program.op_count().values())
