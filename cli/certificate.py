@@ -199,6 +199,7 @@ def _symbols(certificate: Certificate) -> list[dict[str, Any]]:
     rows = [_row(n, scenario.controller[n], fields[n], "gain") for n in names if n in fields]
     several = len(scenario.folder.manifest.structures["plant_input"].fields) > 1
     size = "sigma(ADB)" if several else "|ADB|"
+    coarse = "fbar/(kappa min sigma(ADB))" if several else "fbar/(kappa min|ADB|)"
     least = "least eigenvalue of ADB (ADB)^T" if several else "least (ADB)^2"
     rows += [
         _row(f"min {size}", assumptions.gain.bound, units.gain, "least over the region, (10)"),
@@ -215,7 +216,7 @@ def _symbols(certificate: Certificate) -> list[dict[str, Any]]:
         *rows,
         _row("kappa lmin", pursuit.rate, "1/s", "rate at which |beta| - b falls at least", "p2"),
         _row("b", pursuit.ultimate, units.beta, f"sup |Fhat|/(kappa {size}) bounds |beta|", "p2"),
-        _row("b coarse", pursuit.coarse, units.beta, f"fbar/(kappa min {size})", "p2"),
+        _row("b coarse", pursuit.coarse, units.beta, coarse, "p2"),
     ]
 
 
