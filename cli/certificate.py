@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,6 @@ def certify_design(
     """Print Theorem 1 in numbers for a scenario, beside a flight of the continuous law."""
     from pfaffian.derive.certificate.certify import certify
     from pfaffian.derive.certificate.region import parse_region
-    from pfaffian.derive.certificate.uncertainty import require_one_actuator
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, lowered_model
     from pfaffian.runtime.continuous import fly_continuous
@@ -43,7 +43,6 @@ def certify_design(
 
     source = find_model(reference)
     model, derivation = lowered_model(source), derivation_of(source)
-    require_one_actuator(derivation.spec)
     scenario = _scenario(model, source, scenario_name, set_name, params, initial)
     coordinates = scenario.folder.manifest.coordinates
     sides = parse_region(region, coordinates, scenario.setpoint) if region else {}
@@ -149,6 +148,7 @@ def certificate_document(model: str, certificate: Certificate) -> dict[str, Any]
             "pursuit": asdict(assumptions.pursuit),
         },
         "symbols": symbols,
+        "units": dict(_units(certificate).legend),
         "flight": {
             "samples": certificate.samples,
             "least_slack": certificate.least_slack,
@@ -163,18 +163,27 @@ def certificate_document(model: str, certificate: Certificate) -> dict[str, Any]
 
 @dataclass(frozen=True)
 class _Units:
-    """Units of beta, of the actuator's force and of ADB."""
+    """Units of beta, of the actuator's force and of ADB.
+
+    With several actuators each stands for several units: `legend` says which, by row or actuator.
+    """
 
     beta: str
     force: str
     gain: str
+    legend: Mapping[str, str] = field(default_factory=dict)
 
 
 def _units(certificate: Certificate) -> _Units:
     structures = certificate.scenario.folder.manifest.structures
     given = {f.name: f.unit for f in structures["continuous_output"].fields}
     state = {f.name: f.unit for f in structures["continuous_state"].fields}
-    return _Units(given["beta"], state["bound_estimate"], given["adb"])
+    actuators = [f.unit for f in structures["plant_input"].fields]
+    if len(actuators) == 1:
+        return _Units(given["beta"], state["bound_estimate"], given["adb"])
+    rows = [given[f"beta{k + 1}"] for k in range(len(actuators))]
+    legend = {"[beta]": ", ".join(rows), "[tau]": ", ".join(actuators)}
+    return _Units("[beta]", "[tau]", "[beta]/s/[tau]", legend)
 
 
 def _row(symbol: str, value: float, unit: str, meaning: str, form: str = "") -> dict[str, Any]:
@@ -188,9 +197,13 @@ def _symbols(certificate: Certificate) -> list[dict[str, Any]]:
     fields = {f.name: f.unit for f in scenario.folder.manifest.structures["params"].fields}
     names = ("kappa", "epsilon", "k1", "k2")
     rows = [_row(n, scenario.controller[n], fields[n], "gain") for n in names if n in fields]
+    several = len(scenario.folder.manifest.structures["plant_input"].fields) > 1
+    size = "sigma(ADB)" if several else "|ADB|"
+    coarse = "fbar/(kappa min sigma(ADB))" if several else "fbar/(kappa min|ADB|)"
+    least = "least eigenvalue of ADB (ADB)^T" if several else "least (ADB)^2"
     rows += [
-        _row("min |ADB|", assumptions.gain.bound, units.gain, "least over the region, (10)"),
-        _row("lmin", assumptions.lmin, f"({units.gain})^2", "least (ADB)^2, assumption 1, (13)"),
+        _row(f"min {size}", assumptions.gain.bound, units.gain, "least over the region, (10)"),
+        _row("lmin", assumptions.lmin, f"({units.gain})^2", f"{least}, assumption 1, (13)"),
         _row("fbar", assumptions.force.bound, units.force, "greatest |Fhat|, (11)"),
         _row("alpha", assumptions.alpha.bound, units.force, "sup |Fhat|/Pi, assumption 2, (14)"),
     ]
@@ -202,8 +215,8 @@ def _symbols(certificate: Certificate) -> list[dict[str, Any]]:
     return [
         *rows,
         _row("kappa lmin", pursuit.rate, "1/s", "rate at which |beta| - b falls at least", "p2"),
-        _row("b", pursuit.ultimate, units.beta, "sup |Fhat|/(kappa |ADB|) bounds |beta|", "p2"),
-        _row("b coarse", pursuit.coarse, units.beta, "fbar/(kappa min|ADB|)", "p2"),
+        _row("b", pursuit.ultimate, units.beta, f"sup |Fhat|/(kappa {size}) bounds |beta|", "p2"),
+        _row("b coarse", pursuit.coarse, units.beta, coarse, "p2"),
     ]
 
 
@@ -260,6 +273,8 @@ def _print(document: dict[str, Any]) -> None:
             for s in document["symbols"]
         ],
     )
+    for name, units in document["units"].items():
+        output.out.print(f"{name}: {units}, each entry in its own unit", markup=False)
     output.table(
         "bounds beside a flight of the continuous law",
         ("form", "start", "bound", "dbar", "after s", "largest seen", "largest then"),

@@ -208,6 +208,7 @@ def _figures(design: Design) -> list[tuple[str, object]]:
         ("Routh's column, 1/s^k", ", ".join(map(output.figure, design.routh_column))),
         ("ADB at the setpoint", output.figure(design.input_gain)),
         ("offset to ADB = 0", _distance(design)),
+        ("nearest point of ADB = 0", _nearest(design)),
         ("kappa (ADB)^2 [1/s]", output.figure(design.contraction)),
         ("T kappa (ADB)^2", output.figure(design.sampled_contraction)),
     ]
@@ -221,6 +222,25 @@ def _distance(design: Design) -> str:
     return f"{design.singular_coordinate}: {distance:.4g} {design.singular_unit}{degrees}"
 
 
+def _nearest(design: Design) -> str:
+    point = design.nearest_singular_point
+    if point is None:
+        return "-"
+    if not math.isfinite(point.distance):
+        return f"none within {_rounded_down(point.least)} {point.unit}".rstrip()
+    offset = ", ".join(f"{n}: {v:+.4g}" for n, v in point.offset.items())
+    within = _rounded_down(point.least)
+    return f"{point.distance:.4g} {point.unit} away ({offset}); none within {within}"
+
+
+def _rounded_down(bound: float) -> str:
+    """Return a positive bound with four digits that do not exceed it."""
+    if not (math.isfinite(bound) and bound > 0.0):
+        return f"{bound:g}"
+    step = 10.0 ** (math.floor(math.log10(bound)) - 3)
+    return f"{math.floor(bound / step) * step:.4g}"
+
+
 def _extras(found: Study) -> list[tuple[str, object]]:
     rows: list[tuple[str, object]] = [
         (f"with {name}", output.figure(value)) for name, value in found.friction.items()
@@ -230,7 +250,10 @@ def _extras(found: Study) -> list[tuple[str, object]]:
         for name, value in found.friction_limits.items()
     ]
     if found.riccati:
-        rows.append(("row B^T P", ", ".join(f"{r:.4g}" for r in found.riccati.row)))
+        rows += [("row B^T P", _row_text(row)) for row in found.riccati.rows]
+        rows.append(("largest V'/V on s = 0 [1/s]", output.figure(found.riccati.lyapunov_rate)))
+    if found.placement and found.placement.row_gap is not None:
+        rows.append(("gains found by", found.placement.by))
     if found.proposal:
         p = found.proposal
         rows += [
@@ -240,6 +263,12 @@ def _extras(found: Study) -> list[tuple[str, object]]:
             ("rate of p3's layer [1/s]", output.figure(p.layer_rate)),
         ]
     return rows
+
+
+def _row_text(row: Sequence[float]) -> str:
+    """Return a row with four digits, and 0 for what is rounding beside its largest entry."""
+    least = 1e-12 * max(map(abs, row))
+    return ", ".join(f"{r:.4g}" if abs(r) > least else "0" for r in row)
 
 
 def _print_worst_case(found: Study) -> None:

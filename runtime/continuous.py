@@ -26,8 +26,9 @@ class ContinuousFlight:
 
     `time` (N,); `position`, `rate` and `acceleration` (N, n) of q, q' and q''; `drift_integral`
     and `drift` (N,) of (6); `bound` and `bound_rate` (N,) are ahat and its rate, (15); `beta`
-    (N,) of (21); `adb` (N,) of (10); `torque` (N,). `ended` says why the flight is shorter than
-    the scenario, and is empty where it is not.
+    (N,) of (21); `adb` (N,) of (10), its determinant for several actuators; `torque` (N,). With
+    m > 1 actuators `drift_integral`, `drift`, `beta` and `torque` have the shape (N, m). `ended`
+    says why the flight is shorter than the scenario, and is empty where it is not.
     """
 
     scenario: Scenario
@@ -44,9 +45,14 @@ class ContinuousFlight:
     torque: Array
     ended: str = ""
 
+    @property
+    def beta_size(self) -> Array:
+        """Return |beta|, shape (N,)."""
+        return np.abs(self.beta) if self.beta.ndim == 1 else np.linalg.norm(self.beta, axis=1)
+
 
 class ContinuousLoop:
-    """The right-hand side of the closed loop; the state is (q, q', integral of drift, ahat)."""
+    """The right-hand side of the closed loop; the state is (q, q', integrals of drift, ahat)."""
 
     def __init__(self, scenario: Scenario, host: GeneratedModel) -> None:
         """Engage the law at the scenario's start: s there is what beta is counted from."""
@@ -59,10 +65,19 @@ class ContinuousLoop:
         self._measured, self._motion = host.records("input"), host.records("plant_state")
         self.output = host.records("continuous_output")
         self._applied, self.acceleration = host.records("plant_input"), host.records("plant_rate")
+        self.actuators = tuple(self._applied.dtype.names or ())
+        self._integrals = self.numbered("drift_integral")
         motion = [scenario.initial[c] for c in self.channels]
-        self.start = np.array([*motion, 0.0, scenario.controller["bound_initial"]])
+        still = [0.0] * len(self.actuators)
+        self.start = np.array([*motion, *still, scenario.controller["bound_initial"]])
         self.observe(self.start)
-        self._state["residual_initial"] = self.output["s"]
+        for s0, s in zip(self.numbered("residual_initial"), self.numbered("s"), strict=True):
+            self._state[s0] = self.output[s]
+
+    def numbered(self, base: str) -> list[str]:
+        """Return `base` alone with one actuator, `base1`, `base2`, ... with more."""
+        m = len(self.actuators)
+        return [base] if m == 1 else [f"{base}{k + 1}" for k in range(m)]
 
     def observe(self, y: Array, time: float = 0.0) -> None:
         """Evaluate the law in the state `y`, at `time` in seconds."""
@@ -70,7 +85,9 @@ class ContinuousLoop:
             self._measured["time"] = time
         for name, value in zip(self.channels, y, strict=False):
             self._measured[name] = self._motion[name] = value
-        self._state["drift_integral"], self._state["bound_estimate"] = y[-2], y[-1]
+        for name, value in zip(self._integrals, y[len(self.channels) :], strict=False):
+            self._state[name] = value
+        self._state["bound_estimate"] = y[-1]
         self.host.continuous(self._state, self._params, self._measured, self.output)
 
     def __call__(self, time: float, y: Array) -> Array:
@@ -83,14 +100,14 @@ class ContinuousLoop:
                 remedy="shorten the duration, or widen the layer epsilon",
             )
         self.observe(y, time)
-        for name in self._applied.dtype.names or ():
+        for name in self.actuators:
             self._applied[name] = self.output[name]
         self.host.acceleration(self._plant, self._motion, self._applied, self.acceleration)
         n = len(self.names)
-        rate = np.empty(2 * n + 2)
+        rate = np.empty_like(y)
         rate[:n] = y[n : 2 * n]
         rate[n : 2 * n] = [self.acceleration[f"dd{c}"][0] for c in self.names]
-        rate[-2] = self.output["drift_integral_rate"][0]
+        rate[2 * n : -1] = [self.output[f"{i}_rate"][0] for i in self._integrals]
         rate[-1] = self.output["bound_estimate_rate"][0]
         return rate
 
@@ -136,26 +153,30 @@ def _singular_event(loop: ContinuousLoop) -> Any:
 
 
 def record(loop: ContinuousLoop, times: Array, states: Array, ended: str = "") -> ContinuousFlight:
-    """Return all signals of `loop` in `states`, shape (N, 2 n + 2), at `times` (N,)."""
-    n = len(loop.names)
-    signals = np.empty((len(times), 4))
-    torque = next(iter(loop.host.records("plant_input").dtype.names or ()))
+    """Return all signals of `loop` in `states`, shape (N, 2 n + m + 1), at `times` (N,)."""
+    n, m = len(loop.names), len(loop.actuators)
+    beta = loop.numbered("beta")
+    signals = np.empty((len(times), 2 * m + 1))
     rates = np.empty_like(states)
     for k, y in enumerate(states):
         rates[k] = loop(times[k], y)
-        signals[k] = [loop.output[s][0] for s in ("beta", "adb", torque, "drift_integral_rate")]
+        signals[k] = [loop.output[s][0] for s in (*beta, *loop.actuators, "adb")]
+
+    def columns(of: Array) -> Array:
+        return of[:, 0] if m == 1 else of
+
     return ContinuousFlight(
         scenario=loop.scenario,
         time=times,
         position=states[:, :n],
         rate=states[:, n : 2 * n],
         acceleration=rates[:, n : 2 * n],
-        drift_integral=states[:, -2],
-        drift=signals[:, 3],
+        drift_integral=columns(states[:, 2 * n : -1]),
+        drift=columns(rates[:, 2 * n : -1]),
         bound=states[:, -1],
         bound_rate=rates[:, -1],
-        beta=signals[:, 0],
-        adb=signals[:, 1],
-        torque=signals[:, 2],
+        beta=columns(signals[:, :m]),
+        adb=signals[:, -1],
+        torque=columns(signals[:, m : 2 * m]),
         ended=ended,
     )

@@ -13,7 +13,7 @@ from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
 from pfaffian.runtime.continuous import ContinuousLoop, fly_continuous, record
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.errors import CheckError
 from pfaffian.runtime.generated_model import host_model, open_generated
 from pfaffian.runtime.scenario import read_scenario
 from scipy.integrate import solve_ivp
@@ -392,9 +392,3 @@ def test_a_region_through_the_singular_set_fails_with_the_place(run):
 )
 def test_bad_arguments_are_named(refused, arguments, says):
     refused("certify", *arguments, says=(says,))
-
-
-def test_more_than_one_actuator_is_refused(derivation):
-    spec = derivation.spec
-    with pytest.raises(InputError, match="one actuator"):
-        uncertainty.require_one_actuator(replace(spec, actuators=spec.actuators * 2))

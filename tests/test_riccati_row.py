@@ -10,7 +10,8 @@ import pytest
 import sympy as sp
 from pfaffian.derive.design import assess
 from pfaffian.derive.design.assess import with_values
-from pfaffian.derive.design.riccati import read_weights, riccati_row, state_space
+from pfaffian.derive.design.linear_plant import state_space
+from pfaffian.derive.design.riccati import read_weights, riccati_row
 from pfaffian.derive.library import find_model
 from pfaffian.derive.parameter_set import zero_polynomial
 from pfaffian.derive.pipeline import lowered_model, parameter_set

@@ -11,8 +11,12 @@ import numpy as np
 from pfaffian.derive.certificate.intervals import evaluate_at
 from pfaffian.derive.certificate.region import Region, region_around
 from pfaffian.derive.certificate.search import Extremum, greatest, least, objective_of
-from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate
-from pfaffian.derive.certificate.uncertainty import assumption_program, following_program
+from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate, product
+from pfaffian.derive.certificate.uncertainty import (
+    DETERMINANT,
+    assumption_program,
+    following_program,
+)
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.program import Program
 from pfaffian.runtime.continuous import ContinuousFlight
@@ -33,6 +37,8 @@ _TOLERANCE = 1e-6
 class Assumptions:
     """Assumptions 1 and 2 over `region`: least |ADB| [1/(kg m^2)], greatest |Fhat| [N m], alpha =
     sup |Fhat|/Pi [N m] and sup |Fhat|/(kappa |ADB|) [rad/s]. All bounds are rigorous.
+
+    With several actuators |ADB| is the least singular value of ADB and |Fhat| a length.
     """
 
     region: Region
@@ -43,7 +49,7 @@ class Assumptions:
 
     @property
     def lmin(self) -> float:
-        """Return the least (ADB)^2 of (13), rounded down."""
+        """Return the least (ADB)^2, or eigenvalue of ADB (ADB)^T, of (13), rounded down."""
         return self.gain.bound**2 * (1.0 - 1e-15)
 
 
@@ -115,10 +121,8 @@ def check_nominal(scenario: Scenario) -> None:
         )
 
 
-def check_assumptions(
-    program: Program, scenario: Scenario, region: Region, *, full: bool = True
-) -> Assumptions:
-    """Check assumptions 1 and 2 over `region`; without `full` only the first.
+def check_assumptions(program: Program, scenario: Scenario, region: Region) -> Assumptions:
+    """Check assumptions 1 and 2 over `region`.
 
     Raises `CheckError` naming the place where ADB vanishes.
     """
@@ -127,18 +131,23 @@ def check_assumptions(
     gain = least(objective_of(program, "adb", "", fixed), box)
     if not gain.bound > 0.0:
         where = ", ".join(f"{n} = {v:.4g}" for n, v in gain.at.items())
+        value = f"|ADB| = {gain.attained:.2g} 1/(kg m^2)"
+        if _several(program):
+            value = f"ADB has the least singular value {gain.attained:.2g}"
         raise CheckError(
-            f"assumption 1 fails: |ADB| = {gain.attained:.2g} 1/(kg m^2) at {where}, within the "
-            f"region {region.text()}",
+            f"assumption 1 fails: {value} at {where}, within the region {region.text()}",
             remedy="take a smaller --region, or gains with a wider regular region",
         )
-    if not full:
-        return Assumptions(region, gain, gain, gain, gain)
     force, alpha, pursuit = (
         greatest(objective_of(program, "fhat", below, fixed), box)
         for below in ("", "regressor", "restraint")
     )
     return Assumptions(region, gain, force, alpha, pursuit)
+
+
+def _several(program: Program) -> bool:
+    """Return whether the assumptions are those of a plant with several actuators."""
+    return any(o.name == DETERMINANT for o in program.outputs)
 
 
 def channels(flight: ContinuousFlight) -> dict[str, Array]:
@@ -153,30 +162,37 @@ def default_region(
 ) -> Region:
     """Return the box around `flight` and the setpoint, with the widest margin that is regular.
 
-    `sides` replaces sides of it. Regular means |ADB| at least `singular_threshold`; where no
-    margin is, the box has none and assumption 1 is left to fail over it.
+    `sides` replaces sides of it. Regular means |ADB| (|det ADB| with several actuators) at least
+    `singular_threshold`; where no margin is, the box has none and assumption 1 is left to fail.
     """
     scenario = flight.scenario
+    fixed = {**scenario.plant, **scenario.controller}
+    gain = objective_of(program, DETERMINANT if _several(program) else "adb", "", fixed)
     points = {n: np.append(v, scenario.setpoint.get(n, 0.0)) for n, v in channels(flight).items()}
     for margin in _MARGINS:
         region = Region({**region_around(points, margin).box, **sides})
-        try:
-            found = check_assumptions(program, scenario, region, full=False)
-        except CheckError:
-            continue
-        if found.gain.bound >= scenario.controller["singular_threshold"]:
+        if least(gain, region.box).bound >= scenario.controller["singular_threshold"]:
             break
     return region
 
 
 def beta_rate(program: Program, flight: ContinuousFlight) -> Array:
-    """Return beta' = A q'' - b (N,) in 1/s^2 from the accelerations of the plant, (26)."""
+    """Return beta' = A q'' - b (N,) in 1/s^2 from the accelerations of the plant, (26).
+
+    With m > 1 actuators it has the shape (N, m).
+    """
     scenario = flight.scenario
     fixed = {**scenario.plant, **scenario.controller}
     found = evaluate_at(program, {**fixed, **channels(flight)})
     names = scenario.folder.manifest.coordinates
-    moved = sum(found[f"a_{n}"] * flight.acceleration[:, k] for k, n in enumerate(names))
-    return np.asarray(moved + found["along"] + flight.drift)
+
+    def row(mark: str) -> Array:
+        moved = sum(found[f"a{mark}_{n}"] * flight.acceleration[:, k] for k, n in enumerate(names))
+        return np.asarray(moved + found[f"along{mark}"])
+
+    if flight.beta.ndim == 1:
+        return row("") + flight.drift
+    return np.stack([row(str(r + 1)) for r in range(flight.beta.shape[1])], 1) + flight.drift
 
 
 def certify(
@@ -226,36 +242,36 @@ def _claims(
         greatest_late = float(late.max()) if len(late) else None
         return Claim(form, r, of.d(r), dbar, settling, float(size.max()), greatest_late)
 
-    claims = [claim("p2", pursuit, pursuit.ultimate, np.abs(flight.beta))]
+    claims = [claim("p2", pursuit, pursuit.ultimate, flight.beta_size)]
     if theorem is not None:
         x = flight.bound - theorem.alpha
         for form, of, y in (
             ("printed", theorem.printed(), x),
             ("scaled", theorem.scaled(), x / math.sqrt(theorem.k1)),
         ):
-            claims.append(claim(form, of, of.dunder, np.hypot(flight.beta, y)))
+            claims.append(claim(form, of, of.dunder, np.hypot(flight.beta_size, y)))
     return tuple(claims)
 
 
 def slack(
     theorem: Theorem | None, pursuit: Pursuit, flight: ContinuousFlight, rate: Array
 ) -> Array:
-    """Return bound - V' (N,) in 1/s^3, the least over all forms; `rate` is beta' (N,).
+    """Return bound - V' (N,) in 1/s^3, the least over all forms; `rate` is beta', as `beta`.
 
     What rounding may take is added: a negative value is a broken bound.
     """
-    fall = 2.0 * flight.beta * rate
-    left = pursuit.rate_bound(flight.beta) - fall
-    rounding = np.abs(flight.beta) * (np.abs(rate) + np.abs(flight.drift)) + 1e-12
+    fall, size = 2.0 * product(flight.beta, rate), flight.beta_size
+    left = pursuit.rate_bound(size) - fall
+    rounding = product(np.abs(flight.beta), np.abs(rate) + np.abs(flight.drift)) + 1e-12
     if theorem is not None:
         x = flight.bound - theorem.alpha
         fall = theorem.lyapunov_rate(flight.beta, rate, flight.bound, flight.bound_rate)
-        left = np.minimum(left, theorem.rate_bound(flight.beta, x) - fall)
+        left = np.minimum(left, theorem.rate_bound(size, x) - fall)
         for of, y in (
             (theorem.printed(), x),
             (theorem.scaled(), x / math.sqrt(theorem.k1)),
         ):
-            left = np.minimum(left, of.rate_bound(np.hypot(flight.beta, y)) - fall)
+            left = np.minimum(left, of.rate_bound(np.hypot(size, y)) - fall)
         rounding = rounding + np.abs(x * flight.bound_rate) / theorem.k1
     return np.asarray(left + 1e-9 * rounding)
 

@@ -86,7 +86,8 @@ class Objective:
             if name in self.gradient:
                 slope = found[self.gradient[name]]
                 half = np.maximum(high[:, k] - middle[:, k], middle[:, k] - low[:, k])
-                reach = reach + np.maximum(np.abs(slope[0]), np.abs(slope[1])) * half
+                with np.errstate(invalid="ignore"):  # an unbounded slope over no width
+                    reach = reach + np.maximum(np.abs(slope[0]), np.abs(slope[1])) * half
         reach = np.where(np.isnan(reach), np.inf, reach * (1.0 + 1e-14))
         return np.maximum(natural[0], centre[0] - reach), np.minimum(natural[1], centre[1] + reach)
 

@@ -1,13 +1,17 @@
 """Theorem 1 in numbers: from lmin, alpha and the gains to d(r), dunder and T(dbar, r).
 
-`delta = (beta, ahat - alpha)`, `V = beta^2 + (ahat - alpha)^2/k1`. With rho = 0, (39) and (40) give
+`delta = (beta, ahat - alpha)`, `V = |beta|^2 + (ahat - alpha)^2/k1`. With rho = 0, (39) and (40)
+give
 
-    V' <= -2 kappa lmin beta^2 + eps/2 - 2 (k2/k1) x^2 + 2 (k2/k1) alpha |x|,  x = ahat - alpha,
+    V' <= -2 kappa lmin |beta|^2 + eps/2 - 2 (k2/k1) x^2 + 2 (k2/k1) alpha |x|,  x = ahat - alpha,
        <= -K1 |delta|^2 + K2 |delta| + K3.
 
 The printed |delta| adds rad/s to N m, so its bounds depend on the units chosen. In `z = (beta,
 x/sqrt(k1))`, both in rad/s, V = |z|^2 and the same argument needs no gm, gM: that is the second
 form given here.
+
+With several actuators beta and bhat = (ADB)^T beta are vectors, |.| is the Euclidean length and
+lmin the least eigenvalue of ADB (ADB)^T: |bhat|^2 >= lmin |beta|^2 is all the proof asks of it.
 """
 
 from __future__ import annotations
@@ -19,6 +23,12 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+
+
+def product(left: Array, right: Array) -> Array:
+    """Return the product of two signals (N,), or the inner one of two vectors (N, m) a sample."""
+    found = left * right
+    return np.asarray(found if found.ndim == 1 else found.sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -108,7 +118,10 @@ class Theorem:
         )
 
     def rate_bound(self, beta: Array, x: Array) -> Array:
-        """Return the bound of V' before |delta| is introduced, first line of (41), 1/s^3."""
+        """Return the bound of V' before |delta| is introduced, first line of (41), 1/s^3.
+
+        `beta` is |beta| (N,), or beta itself with one actuator.
+        """
         leak = 2.0 * self.k2 / self.k1
         fall = 2.0 * self.kappa * self.lmin * beta**2 + leak * x**2
         return np.asarray(self.epsilon / 2.0 + leak * self.alpha * np.abs(x) - fall)
@@ -116,19 +129,23 @@ class Theorem:
     def lyapunov_rate(
         self, beta: Array, beta_rate: Array, bound: Array, bound_rate: Array
     ) -> Array:
-        """Return V' = 2 beta beta' + (2/k1)(ahat - alpha) ahat', (25), 1/s^3."""
+        """Return V' = 2 beta beta' + (2/k1)(ahat - alpha) ahat', (25), 1/s^3.
+
+        `beta` and its rate have the shape (N,), or (N, m) with m > 1 actuators.
+        """
         return np.asarray(
-            2.0 * beta * beta_rate + 2.0 / self.k1 * (bound - self.alpha) * bound_rate
+            2.0 * product(beta, beta_rate) + 2.0 / self.k1 * (bound - self.alpha) * bound_rate
         )
 
 
 @dataclass(frozen=True)
 class Pursuit:
-    """p2 against Fhat, with p3 or without: |beta|' <= -kappa (ADB)^2 (|beta| - b).
+    """p2 against Fhat, with p3 or without: |beta|' <= -kappa lmin (|beta| - b) where |beta| > b.
 
     p3 always opposes beta ((34): 2 beta ADB p3 = -2 gamma mu^2), so this holds for the whole law,
     and for k1 = 0, where Theorem 1 divides by zero. `ultimate` is b = sup |Fhat|/(kappa |ADB|) in
-    rad/s, at most `coarse`; `kappa` in N m s kg m^2, `lmin` in 1/(kg m^2)^2, `fbar` in N m.
+    rad/s, at most `coarse`; `kappa` in N m s kg m^2, `lmin` in 1/(kg m^2)^2, `fbar` in N m. For
+    several actuators ADB's least singular value stands for |ADB|.
     """
 
     ultimate: float

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from pfaffian.derive.design.riccati import input_gains
+from pfaffian.derive.design.linear_plant import input_gains
+from pfaffian.derive.design.nearest import SingularPoint, nearest_singular_point
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import (
     ParameterSet,
@@ -29,6 +30,7 @@ class Design:
     """Figures of one parameter set; `singular_distance_rad` is infinite where ADB keeps its sign.
 
     It is an offset of `singular_coordinate` alone, in that coordinate's own unit: `singular_unit`.
+    `nearest_singular_point` is over all coordinates at once, and absent where it was not asked.
     `input_gain` is ADB at the setpoint, `contraction` kappa (ADB)^2 there in 1/s, the rate at which
     p2 shrinks beta; for several actuators they are the determinant of ADB and the rate of its
     least singular value. `sampled_contraction` is the rate times the sample time: the printed law,
@@ -49,6 +51,7 @@ class Design:
     singular_unit: str
     contraction: float
     sampled_contraction: float
+    nearest_singular_point: SingularPoint | None = None
 
     @property
     def decay_rate(self) -> float:
@@ -56,8 +59,8 @@ class Design:
         return -max((p.real for p in self.zero_dynamics_poles), default=-math.inf)
 
 
-def assess(model: LoweredModel, parameters: ParameterSet) -> Design:
-    """Return the figures of `parameters`."""
+def assess(model: LoweredModel, parameters: ParameterSet, *, nearest: bool = True) -> Design:
+    """Return the figures of `parameters`, with the `nearest` point of ADB = 0 unless not wanted."""
     values = parameters.as_dict()
     polynomial = zero_polynomial(model, values)
     stable = is_hurwitz(polynomial)
@@ -78,6 +81,7 @@ def assess(model: LoweredModel, parameters: ParameterSet) -> Design:
         singular_unit=next((c.unit for c in model.coordinates if c.name == coordinate), ""),
         contraction=contraction,
         sampled_contraction=values.get("sample_time", 0.0) * contraction,
+        nearest_singular_point=nearest_singular_point(model, values) if nearest else None,
     )
 
 

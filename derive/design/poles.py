@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pfaffian.derive.design.assess import gain_names
+from pfaffian.derive.design.placement import Placement, place_several
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import (
     places_poles,
@@ -36,11 +38,19 @@ def read_poles(text: str, where: str) -> tuple[complex, ...]:
 def gains_for_poles(
     model: LoweredModel, values: Mapping[str, float], poles: tuple[complex, ...], where: str
 ) -> dict[str, float]:
+    """Return the gains of `placement_for_poles`."""
+    return placement_for_poles(model, values, poles, where).gains
+
+
+def placement_for_poles(
+    model: LoweredModel, values: Mapping[str, float], poles: tuple[complex, ...], where: str
+) -> Placement:
     """Return the gains that place the zero dynamics of the plant with these `values` at `poles`.
 
     The closed form holds for the plant without friction; with friction, and for a model without
-    a closed form, coefficients are matched numerically. Raises `InputError` naming `where` for a
-    wrong number of poles, where no gains are found, and for gains out of their bounds.
+    a closed form, coefficients are matched numerically; for several actuators `place_several`
+    does it. Raises `InputError` naming `where` for a wrong number of poles, where no gains are
+    found, and for gains out of their bounds.
     """
     order = len(model.program("zero_polynomial").outputs) - 1
     if len(poles) != order:
@@ -54,15 +64,25 @@ def gains_for_poles(
             f"{where}: {wild[0]:g} is no pole of a mechanism",
             remedy=f"give magnitudes from {_LEAST_RADIUS:g} to {_LARGEST_RADIUS:g} 1/s",
         )
+    found = _placed(model, values, poles, where)
+    for parameter in model.parameters:
+        if parameter.name in found.gains:
+            parameter.check(found.gains[parameter.name], where)
+    return found
+
+
+def _placed(
+    model: LoweredModel, values: Mapping[str, float], poles: tuple[complex, ...], where: str
+) -> Placement:
+    if len(model.actuators) > 1 and gain_names(model):
+        off = partial(_mismatch, model)
+        return place_several(model, values, poles, off, _TOLERANCE, where)
     gains: dict[str, float] = {}
     if places_poles(model):
         gains = synthesise_gains(model, values, poles, where)
-    if not gains or not _holds(model, {**values, **gains}, poles):
-        gains = numeric_gains(model, {**values, **gains}, poles, where)
-    for parameter in model.parameters:
-        if parameter.name in gains:
-            parameter.check(gains[parameter.name], where)
-    return gains
+    if gains and _holds(model, {**values, **gains}, poles):
+        return Placement(gains, "closed form")
+    return Placement(numeric_gains(model, {**values, **gains}, poles, where), "coefficients")
 
 
 def numeric_gains(

@@ -14,7 +14,8 @@ from pfaffian.derive.design.intervals import (
     read_friction,
     worst_case,
 )
-from pfaffian.derive.design.poles import gains_for_poles, read_poles
+from pfaffian.derive.design.placement import Placement
+from pfaffian.derive.design.poles import placement_for_poles, read_poles
 from pfaffian.derive.design.proposal import Proposal, propose, read_delay
 from pfaffian.derive.design.riccati import RiccatiRow, read_weights, riccati_row
 from pfaffian.derive.design.tradeoff import TradeoffPoint, tradeoff_curve
@@ -48,6 +49,7 @@ class Study:
     where: str
     parameters: ParameterSet
     wanted_poles: tuple[complex, ...]
+    placement: Placement | None
     design: Design
     friction: Mapping[str, float]
     friction_limits: Mapping[str, float]
@@ -87,8 +89,6 @@ class Study:
 
     def as_json(self) -> dict[str, Any]:
         """Return the document of `pfaffian design --json`."""
-        row = self.riccati
-        lyapunov = row and {"P": row.matrix, "Q": row.weights, "R": row.effort, "row": row.row}
         return {
             "model": self.model,
             "set": self.parameters.name,
@@ -97,11 +97,17 @@ class Study:
             "decay_rate": self.design.decay_rate,
             "friction": dict(self.friction),
             "friction_limits": dict(self.friction_limits),
-            "lyapunov": lyapunov,
+            "placement": self._placement(),
+            "lyapunov": self.riccati.as_json() if self.riccati else None,
             "proposal": asdict(self.proposal) if self.proposal else None,
             "box": asdict(self.worst_case) if self.worst_case else None,
             "curve": [asdict(p) for p in self.curve],
         }
+
+    def _placement(self) -> dict[str, Any] | None:
+        if (found := self.placement) is None:
+            return None
+        return {"by": found.by, "row_gap": found.row_gap, "spread": found.spread}
 
 
 def study(model: LoweredModel, raw: RawSet, wishes: Wishes) -> Study:
@@ -112,10 +118,11 @@ def study(model: LoweredModel, raw: RawSet, wishes: Wishes) -> Study:
     friction = read_friction(model, wishes.friction, "--friction") if wishes.friction else {}
     parameters = with_values(base_set(model, raw, chooses), friction)
     poles = read_poles(wishes.poles, "--poles") if wishes.poles else ()
+    placement = None
     row = _riccati(model, parameters, wishes.riccati) if wishes.riccati else None
     if poles:
-        gains = gains_for_poles(model, parameters.as_dict(), poles, "--poles")
-        parameters = with_values(parameters, gains)
+        placement = placement_for_poles(model, parameters.as_dict(), poles, "--poles")
+        parameters = with_values(parameters, placement.gains)
     elif row:
         parameters = with_values(parameters, row.gains)
     proposal = None
@@ -130,6 +137,7 @@ def study(model: LoweredModel, raw: RawSet, wishes: Wishes) -> Study:
         where=raw.path,
         parameters=parameters,
         wanted_poles=poles,
+        placement=placement,
         design=assess(model, parameters),
         friction=friction,
         friction_limits=friction_limits(model, values),

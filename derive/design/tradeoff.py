@@ -77,7 +77,7 @@ def _point(
     rate: float | None,
 ) -> TradeoffPoint:
     """`rate` replaces the computed one where it is known: roots of a multiple pole scatter."""
-    design = assess(model, with_values(parameters, gains))
+    design = assess(model, with_values(parameters, gains), nearest=False)
     decay = design.decay_rate if rate is None else rate
     distance, unit = design.singular_distance_rad, design.singular_unit
     return TradeoffPoint(family, knob, decay, distance, unit, dict(gains))

@@ -56,7 +56,7 @@ def _mixed(
     rng: np.random.Generator,
 ) -> dict[str, Array]:
     wide = _wide(model, inputs, len(near), rng)
-    local = _near(inputs, wide, sets, len(near), rng)
+    local = _near(model, inputs, wide, sets, len(near), rng)
     return {n: np.where(near, local[n], wide[n]) for n in wide}
 
 
@@ -85,13 +85,17 @@ def _wide(
 def _within(lower: float, upper: float, count: int, rng: np.random.Generator) -> Array:
     """Draw magnitudes evenly in their logarithm; both signs where the interval has both."""
     least = lower if lower > 0.0 else min(_SMALL, upper * 1e-3)
-    magnitude = np.exp(rng.uniform(math.log(least), math.log(upper), count))
+    share = rng.uniform(0.0, 1.0, count)
+    values = least * (upper / least) ** share
     if lower < 0.0:
-        magnitude *= rng.choice([-1.0, 1.0], count)
-    return magnitude
+        most = abs(lower)
+        below = -min(least, most) * (most / min(least, most)) ** share
+        values = np.where(rng.choice([True, False], count), below, values)
+    return np.clip(values, lower, upper)
 
 
 def _near(
+    model: LoweredModel,
     inputs: Sequence[Signal],
     wide: Mapping[str, Array],
     sets: Sequence[Mapping[str, float]],
@@ -100,11 +104,13 @@ def _near(
 ) -> dict[str, Array]:
     """Draw around the parameter sets: parameters within 30 %, motions of a few turns a second."""
     which = rng.integers(0, len(sets), count)
+    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
     values = {}
     for signal in inputs:
         if signal.group == "parameter":
             base = np.array([s[signal.name] for s in sets])[which]
-            values[signal.name] = base * rng.uniform(0.7, 1.3, count)
+            around = base * rng.uniform(0.7, 1.3, count)
+            values[signal.name] = np.clip(around, *bounds[signal.name])
         elif signal.group in ("input", "torque"):
             values[signal.name] = rng.normal(0.0, 3.0, count)
         elif signal.name in ("engaged", "leakage_decay"):
