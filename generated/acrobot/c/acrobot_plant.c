@@ -120,16 +120,15 @@ double acrobot_energy(const acrobot_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static acrobot_plant_state_t moved(acrobot_plant_state_t from, double scale,
-    acrobot_plant_state_t at, acrobot_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(acrobot_plant_state_t *to, const acrobot_plant_state_t *from,
+    double scale, const acrobot_plant_state_t *at, const acrobot_plant_rate_t *rate)
 {
-    acrobot_plant_state_t to;
-    to.q1 = from.q1 + scale * at.dq1;
-    to.q2 = from.q2 + scale * at.dq2;
-    to.dq1 = from.dq1 + scale * rate.ddq1;
-    to.dq2 = from.dq2 + scale * rate.ddq2;
-    return to;
+    to->q1 = from->q1 + scale * at->dq1;
+    to->dq1 = from->dq1 + scale * rate->ddq1;
+    to->q2 = from->q2 + scale * at->dq2;
+    to->dq2 = from->dq2 + scale * rate->ddq2;
 }
 
 void acrobot_plant_step(acrobot_plant_state_t *state,
@@ -141,7 +140,6 @@ void acrobot_plant_step(acrobot_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const acrobot_plant_state_t y1 = *state;
         acrobot_plant_state_t y2;
         acrobot_plant_state_t y3;
         acrobot_plant_state_t y4;
@@ -150,15 +148,15 @@ void acrobot_plant_step(acrobot_plant_state_t *state,
         acrobot_plant_rate_t a3;
         acrobot_plant_rate_t a4;
 
-        acrobot_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        acrobot_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         acrobot_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         acrobot_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         acrobot_acceleration(params, &y4, input, &a4);
-        state->q1 += sixth * ((y1.dq1 + y4.dq1) + 2.0 * (y2.dq1 + y3.dq1));
-        state->q2 += sixth * ((y1.dq2 + y4.dq2) + 2.0 * (y2.dq2 + y3.dq2));
+        state->q1 += sixth * ((state->dq1 + y4.dq1) + 2.0 * (y2.dq1 + y3.dq1));
+        state->q2 += sixth * ((state->dq2 + y4.dq2) + 2.0 * (y2.dq2 + y3.dq2));
         state->dq1 += sixth * ((a1.ddq1 + a4.ddq1) + 2.0 * (a2.ddq1 + a3.ddq1));
         state->dq2 += sixth * ((a1.ddq2 + a4.ddq2) + 2.0 * (a2.ddq2 + a3.ddq2));
     }

@@ -81,16 +81,15 @@ double crane_energy(const crane_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static crane_plant_state_t moved(crane_plant_state_t from, double scale,
-    crane_plant_state_t at, crane_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(crane_plant_state_t *to, const crane_plant_state_t *from,
+    double scale, const crane_plant_state_t *at, const crane_plant_rate_t *rate)
 {
-    crane_plant_state_t to;
-    to.x = from.x + scale * at.dx;
-    to.theta = from.theta + scale * at.dtheta;
-    to.dx = from.dx + scale * rate.ddx;
-    to.dtheta = from.dtheta + scale * rate.ddtheta;
-    return to;
+    to->x = from->x + scale * at->dx;
+    to->dx = from->dx + scale * rate->ddx;
+    to->theta = from->theta + scale * at->dtheta;
+    to->dtheta = from->dtheta + scale * rate->ddtheta;
 }
 
 void crane_plant_step(crane_plant_state_t *state,
@@ -102,7 +101,6 @@ void crane_plant_step(crane_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const crane_plant_state_t y1 = *state;
         crane_plant_state_t y2;
         crane_plant_state_t y3;
         crane_plant_state_t y4;
@@ -111,15 +109,15 @@ void crane_plant_step(crane_plant_state_t *state,
         crane_plant_rate_t a3;
         crane_plant_rate_t a4;
 
-        crane_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        crane_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         crane_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         crane_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         crane_acceleration(params, &y4, input, &a4);
-        state->x += sixth * ((y1.dx + y4.dx) + 2.0 * (y2.dx + y3.dx));
-        state->theta += sixth * ((y1.dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
+        state->x += sixth * ((state->dx + y4.dx) + 2.0 * (y2.dx + y3.dx));
+        state->theta += sixth * ((state->dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
         state->dx += sixth * ((a1.ddx + a4.ddx) + 2.0 * (a2.ddx + a3.ddx));
         state->dtheta += sixth * ((a1.ddtheta + a4.ddtheta) + 2.0 * (a2.ddtheta + a3.ddtheta));
     }

@@ -118,16 +118,15 @@ double furuta_energy(const furuta_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static furuta_plant_state_t moved(furuta_plant_state_t from, double scale,
-    furuta_plant_state_t at, furuta_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(furuta_plant_state_t *to, const furuta_plant_state_t *from,
+    double scale, const furuta_plant_state_t *at, const furuta_plant_rate_t *rate)
 {
-    furuta_plant_state_t to;
-    to.theta = from.theta + scale * at.dtheta;
-    to.alpha = from.alpha + scale * at.dalpha;
-    to.dtheta = from.dtheta + scale * rate.ddtheta;
-    to.dalpha = from.dalpha + scale * rate.ddalpha;
-    return to;
+    to->theta = from->theta + scale * at->dtheta;
+    to->dtheta = from->dtheta + scale * rate->ddtheta;
+    to->alpha = from->alpha + scale * at->dalpha;
+    to->dalpha = from->dalpha + scale * rate->ddalpha;
 }
 
 void furuta_plant_step(furuta_plant_state_t *state,
@@ -139,7 +138,6 @@ void furuta_plant_step(furuta_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const furuta_plant_state_t y1 = *state;
         furuta_plant_state_t y2;
         furuta_plant_state_t y3;
         furuta_plant_state_t y4;
@@ -148,15 +146,15 @@ void furuta_plant_step(furuta_plant_state_t *state,
         furuta_plant_rate_t a3;
         furuta_plant_rate_t a4;
 
-        furuta_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        furuta_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         furuta_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         furuta_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         furuta_acceleration(params, &y4, input, &a4);
-        state->theta += sixth * ((y1.dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
-        state->alpha += sixth * ((y1.dalpha + y4.dalpha) + 2.0 * (y2.dalpha + y3.dalpha));
+        state->theta += sixth * ((state->dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
+        state->alpha += sixth * ((state->dalpha + y4.dalpha) + 2.0 * (y2.dalpha + y3.dalpha));
         state->dtheta += sixth * ((a1.ddtheta + a4.ddtheta) + 2.0 * (a2.ddtheta + a3.ddtheta));
         state->dalpha += sixth * ((a1.ddalpha + a4.ddalpha) + 2.0 * (a2.ddalpha + a3.ddalpha));
     }

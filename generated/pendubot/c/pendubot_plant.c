@@ -109,16 +109,15 @@ double pendubot_energy(const pendubot_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static pendubot_plant_state_t moved(pendubot_plant_state_t from, double scale,
-    pendubot_plant_state_t at, pendubot_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(pendubot_plant_state_t *to, const pendubot_plant_state_t *from,
+    double scale, const pendubot_plant_state_t *at, const pendubot_plant_rate_t *rate)
 {
-    pendubot_plant_state_t to;
-    to.q1 = from.q1 + scale * at.dq1;
-    to.q2 = from.q2 + scale * at.dq2;
-    to.dq1 = from.dq1 + scale * rate.ddq1;
-    to.dq2 = from.dq2 + scale * rate.ddq2;
-    return to;
+    to->q1 = from->q1 + scale * at->dq1;
+    to->dq1 = from->dq1 + scale * rate->ddq1;
+    to->q2 = from->q2 + scale * at->dq2;
+    to->dq2 = from->dq2 + scale * rate->ddq2;
 }
 
 void pendubot_plant_step(pendubot_plant_state_t *state,
@@ -130,7 +129,6 @@ void pendubot_plant_step(pendubot_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const pendubot_plant_state_t y1 = *state;
         pendubot_plant_state_t y2;
         pendubot_plant_state_t y3;
         pendubot_plant_state_t y4;
@@ -139,15 +137,15 @@ void pendubot_plant_step(pendubot_plant_state_t *state,
         pendubot_plant_rate_t a3;
         pendubot_plant_rate_t a4;
 
-        pendubot_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        pendubot_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         pendubot_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         pendubot_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         pendubot_acceleration(params, &y4, input, &a4);
-        state->q1 += sixth * ((y1.dq1 + y4.dq1) + 2.0 * (y2.dq1 + y3.dq1));
-        state->q2 += sixth * ((y1.dq2 + y4.dq2) + 2.0 * (y2.dq2 + y3.dq2));
+        state->q1 += sixth * ((state->dq1 + y4.dq1) + 2.0 * (y2.dq1 + y3.dq1));
+        state->q2 += sixth * ((state->dq2 + y4.dq2) + 2.0 * (y2.dq2 + y3.dq2));
         state->dq1 += sixth * ((a1.ddq1 + a4.ddq1) + 2.0 * (a2.ddq1 + a3.ddq1));
         state->dq2 += sixth * ((a1.ddq2 + a4.ddq2) + 2.0 * (a2.ddq2 + a3.ddq2));
     }

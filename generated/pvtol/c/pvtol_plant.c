@@ -73,18 +73,17 @@ double pvtol_energy(const pvtol_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static pvtol_plant_state_t moved(pvtol_plant_state_t from, double scale,
-    pvtol_plant_state_t at, pvtol_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(pvtol_plant_state_t *to, const pvtol_plant_state_t *from,
+    double scale, const pvtol_plant_state_t *at, const pvtol_plant_rate_t *rate)
 {
-    pvtol_plant_state_t to;
-    to.x = from.x + scale * at.dx;
-    to.y = from.y + scale * at.dy;
-    to.theta = from.theta + scale * at.dtheta;
-    to.dx = from.dx + scale * rate.ddx;
-    to.dy = from.dy + scale * rate.ddy;
-    to.dtheta = from.dtheta + scale * rate.ddtheta;
-    return to;
+    to->x = from->x + scale * at->dx;
+    to->dx = from->dx + scale * rate->ddx;
+    to->y = from->y + scale * at->dy;
+    to->dy = from->dy + scale * rate->ddy;
+    to->theta = from->theta + scale * at->dtheta;
+    to->dtheta = from->dtheta + scale * rate->ddtheta;
 }
 
 void pvtol_plant_step(pvtol_plant_state_t *state,
@@ -96,7 +95,6 @@ void pvtol_plant_step(pvtol_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const pvtol_plant_state_t y1 = *state;
         pvtol_plant_state_t y2;
         pvtol_plant_state_t y3;
         pvtol_plant_state_t y4;
@@ -105,16 +103,16 @@ void pvtol_plant_step(pvtol_plant_state_t *state,
         pvtol_plant_rate_t a3;
         pvtol_plant_rate_t a4;
 
-        pvtol_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        pvtol_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         pvtol_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         pvtol_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         pvtol_acceleration(params, &y4, input, &a4);
-        state->x += sixth * ((y1.dx + y4.dx) + 2.0 * (y2.dx + y3.dx));
-        state->y += sixth * ((y1.dy + y4.dy) + 2.0 * (y2.dy + y3.dy));
-        state->theta += sixth * ((y1.dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
+        state->x += sixth * ((state->dx + y4.dx) + 2.0 * (y2.dx + y3.dx));
+        state->y += sixth * ((state->dy + y4.dy) + 2.0 * (y2.dy + y3.dy));
+        state->theta += sixth * ((state->dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
         state->dx += sixth * ((a1.ddx + a4.ddx) + 2.0 * (a2.ddx + a3.ddx));
         state->dy += sixth * ((a1.ddy + a4.ddy) + 2.0 * (a2.ddy + a3.ddy));
         state->dtheta += sixth * ((a1.ddtheta + a4.ddtheta) + 2.0 * (a2.ddtheta + a3.ddtheta));

@@ -92,16 +92,15 @@ double reaction_wheel_energy(const reaction_wheel_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static reaction_wheel_plant_state_t moved(reaction_wheel_plant_state_t from, double scale,
-    reaction_wheel_plant_state_t at, reaction_wheel_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(reaction_wheel_plant_state_t *to, const reaction_wheel_plant_state_t *from,
+    double scale, const reaction_wheel_plant_state_t *at, const reaction_wheel_plant_rate_t *rate)
 {
-    reaction_wheel_plant_state_t to;
-    to.theta = from.theta + scale * at.dtheta;
-    to.phi = from.phi + scale * at.dphi;
-    to.dtheta = from.dtheta + scale * rate.ddtheta;
-    to.dphi = from.dphi + scale * rate.ddphi;
-    return to;
+    to->theta = from->theta + scale * at->dtheta;
+    to->dtheta = from->dtheta + scale * rate->ddtheta;
+    to->phi = from->phi + scale * at->dphi;
+    to->dphi = from->dphi + scale * rate->ddphi;
 }
 
 void reaction_wheel_plant_step(reaction_wheel_plant_state_t *state,
@@ -113,7 +112,6 @@ void reaction_wheel_plant_step(reaction_wheel_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const reaction_wheel_plant_state_t y1 = *state;
         reaction_wheel_plant_state_t y2;
         reaction_wheel_plant_state_t y3;
         reaction_wheel_plant_state_t y4;
@@ -122,15 +120,15 @@ void reaction_wheel_plant_step(reaction_wheel_plant_state_t *state,
         reaction_wheel_plant_rate_t a3;
         reaction_wheel_plant_rate_t a4;
 
-        reaction_wheel_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        reaction_wheel_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         reaction_wheel_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         reaction_wheel_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         reaction_wheel_acceleration(params, &y4, input, &a4);
-        state->theta += sixth * ((y1.dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
-        state->phi += sixth * ((y1.dphi + y4.dphi) + 2.0 * (y2.dphi + y3.dphi));
+        state->theta += sixth * ((state->dtheta + y4.dtheta) + 2.0 * (y2.dtheta + y3.dtheta));
+        state->phi += sixth * ((state->dphi + y4.dphi) + 2.0 * (y2.dphi + y3.dphi));
         state->dtheta += sixth * ((a1.ddtheta + a4.ddtheta) + 2.0 * (a2.ddtheta + a3.ddtheta));
         state->dphi += sixth * ((a1.ddphi + a4.ddphi) + 2.0 * (a2.ddphi + a3.ddphi));
     }

@@ -113,16 +113,15 @@ double two_wheeled_energy(const two_wheeled_plant_params_t *params,
     return energy;
 }
 
-/* from + scale * (velocity, acceleration) */
-static two_wheeled_plant_state_t moved(two_wheeled_plant_state_t from, double scale,
-    two_wheeled_plant_state_t at, two_wheeled_plant_rate_t rate)
+/* *to = *from + scale * (velocity at *at, *rate): member by member, as a copy of the whole could
+ * become a call of memcpy. */
+static void move(two_wheeled_plant_state_t *to, const two_wheeled_plant_state_t *from,
+    double scale, const two_wheeled_plant_state_t *at, const two_wheeled_plant_rate_t *rate)
 {
-    two_wheeled_plant_state_t to;
-    to.phi = from.phi + scale * at.dphi;
-    to.psi = from.psi + scale * at.dpsi;
-    to.dphi = from.dphi + scale * rate.ddphi;
-    to.dpsi = from.dpsi + scale * rate.ddpsi;
-    return to;
+    to->phi = from->phi + scale * at->dphi;
+    to->dphi = from->dphi + scale * rate->ddphi;
+    to->psi = from->psi + scale * at->dpsi;
+    to->dpsi = from->dpsi + scale * rate->ddpsi;
 }
 
 void two_wheeled_plant_step(two_wheeled_plant_state_t *state,
@@ -134,7 +133,6 @@ void two_wheeled_plant_step(two_wheeled_plant_state_t *state,
     uint32_t k;
 
     for (k = 0U; k < substeps; ++k) {
-        const two_wheeled_plant_state_t y1 = *state;
         two_wheeled_plant_state_t y2;
         two_wheeled_plant_state_t y3;
         two_wheeled_plant_state_t y4;
@@ -143,15 +141,15 @@ void two_wheeled_plant_step(two_wheeled_plant_state_t *state,
         two_wheeled_plant_rate_t a3;
         two_wheeled_plant_rate_t a4;
 
-        two_wheeled_acceleration(params, &y1, input, &a1);
-        y2 = moved(y1, half, y1, a1);
+        two_wheeled_acceleration(params, state, input, &a1);
+        move(&y2, state, half, state, &a1);
         two_wheeled_acceleration(params, &y2, input, &a2);
-        y3 = moved(y1, half, y2, a2);
+        move(&y3, state, half, &y2, &a2);
         two_wheeled_acceleration(params, &y3, input, &a3);
-        y4 = moved(y1, step, y3, a3);
+        move(&y4, state, step, &y3, &a3);
         two_wheeled_acceleration(params, &y4, input, &a4);
-        state->phi += sixth * ((y1.dphi + y4.dphi) + 2.0 * (y2.dphi + y3.dphi));
-        state->psi += sixth * ((y1.dpsi + y4.dpsi) + 2.0 * (y2.dpsi + y3.dpsi));
+        state->phi += sixth * ((state->dphi + y4.dphi) + 2.0 * (y2.dphi + y3.dphi));
+        state->psi += sixth * ((state->dpsi + y4.dpsi) + 2.0 * (y2.dpsi + y3.dpsi));
         state->dphi += sixth * ((a1.ddphi + a4.ddphi) + 2.0 * (a2.ddphi + a3.ddphi));
         state->dpsi += sixth * ((a1.ddpsi + a4.ddpsi) + 2.0 * (a2.ddpsi + a3.ddpsi));
     }
