@@ -45,7 +45,15 @@ _DERIVATION_CODE = (
     "spec_check",
     "zero_dynamics",
 )
-_LOWERING_CODE = ("elementary", "lower_model", "lowered", "lowering", "render")
+_LOWERING_CODE = (
+    "elementary",
+    "elementary_fit",
+    "elementary_tables",
+    "lower_model",
+    "lowered",
+    "lowering",
+    "render",
+)
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 

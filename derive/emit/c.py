@@ -6,7 +6,14 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pfaffian.derive.emit.emitter import Emission, comment_text, fill, finite_bound, snake
+from pfaffian.derive.emit.emitter import (
+    ELEMENTARY_FILES,
+    Emission,
+    comment_text,
+    fill,
+    finite_bound,
+    snake,
+)
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
@@ -191,9 +198,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "energy": body_of(model.program("energy"), plant),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
-    texts = {"pf_elementary.h", "pf_elementary.c"}
     elementary = {"header": header, **model.elementary}
-    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in sorted(texts)}
+    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
     for template, path in (
         ("pf_scalar.h", "pf_scalar.h"),
         ("pf_model.h", "pf_model.h"),

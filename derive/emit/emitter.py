@@ -39,6 +39,9 @@ _OWN_WORDS = """
 """
 _RESERVED = frozenset((*_C_WORDS.split(), *_OWN_WORDS.split(), *keyword.kwlist))
 
+#: Files of the elementary functions of double; each has a template of its name.
+ELEMENTARY_FILES = ("pf_elementary.c", "pf_elementary.h", "pf_elementary_inline.h")
+
 
 @dataclass(frozen=True)
 class Emission:
