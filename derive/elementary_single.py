@@ -46,7 +46,7 @@ ULP_BOUNDS_SINGLE: dict[str, float] = {
     "sin": 0.95,
     "cos": 0.95,
     "atan": 0.95,
-    "exp": 0.7,
+    "exp": 0.8,
     "expm1": 0.95,
     "tanh": 0.9,
 }
