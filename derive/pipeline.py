@@ -51,6 +51,8 @@ _DERIVATION_CODE = (
 )
 _LOWERING_CODE = (
     "elementary",
+    "elementary_fit",
+    "elementary_tables",
     "lower_model",
     "lowered",
     "lowering",

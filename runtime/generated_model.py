@@ -226,7 +226,8 @@ def host_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedMod
     """Build `folder` for this machine and load it."""
     sources = harness_sources(folder.path, folder.manifest)
     return GeneratedModel(
-        folder, HostMachine(compile_image(host_target(toolchain), sources, folder.path / "c"))
+        folder,
+        HostMachine(compile_image(host_target(toolchain, fma=True), sources, folder.path / "c")),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -11,16 +12,24 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import gmpy2
-import jinja2
 import numpy as np
 import numpy.typing as npt
-import pfaffian.templates
 from pfaffian.derive.elementary import render_context
+from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
 
 Array = npt.NDArray[np.float64]
 
-#: Order of the cases in the batch function below.
-FUNCTIONS = ("sqrt", "sin", "cos", "atan", "exp", "expm1", "tanh", "sincos", "is_finite")
+#: How many points each part of a domain is measured at; `make elementary` sets it high.
+POINTS = int(os.environ.get("PFAFFIAN_ELEMENTARY_POINTS", "15000"))
+
+#: Order of the cases in the batch function below. The last takes its second argument from z.
+FUNCTIONS = (
+    *("sqrt", "sin", "cos", "atan", "exp", "expm1", "tanh", "sincos", "is_finite"),
+    *("sqrt_software", "sincos_inline", "atan_inline", "atan2"),
+)
+
+#: Functions that write both rows.
+PAIRS = ("sincos", "sincos_inline")
 
 SOURCES = ("pf_elementary.c", "batch.c")
 BASE_FLAGS = ("-std=c99", "-ffp-contract=off")
@@ -31,11 +40,11 @@ WARNINGS = (
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 TARGET_FLAGS = (
     *("-target", "powerpc-freestanding-eabihf", "-mcpu=750", "-O2", "-fno-sanitize=all"),
-    *("-fno-math-errno", "-ffreestanding", "-fno-builtin"),
+    *("-fno-math-errno", "-ffreestanding", "-fno-builtin", "-fomit-frame-pointer"),
 )
 
 _BATCH = """
-#include "pf_elementary.h"
+#include "pf_elementary_inline.h"
 
 #include <stdint.h>
 
@@ -53,32 +62,26 @@ void batch(int32_t which, int32_t count, const double *x, double *y, double *z)
         case 5: y[i] = pf_expm1(x[i]); break;
         case 6: y[i] = pf_tanh(x[i]); break;
         case 7: pf_sincos(x[i], &y[i], &z[i]); break;
+        case 9: y[i] = pf_sqrt_software(x[i]); break;
+        case 10: pf_sincos_inline(x[i], &y[i], &z[i]); break;
+        case 11: y[i] = pf_atan_inline(x[i]); break;
+        case 12: y[i] = pf_atan2(x[i], z[i]); break;
         default: y[i] = pf_is_finite(x[i]) ? 1.0 : 0.0; break;
         }
     }
 }
 """
 
-#: Maps a function name and its arguments to the results; two rows for sincos.
+#: Maps a function name and its arguments to the results; two rows from sincos, and into atan2.
 Evaluate = Callable[[str, Array], Array]
 
 
 def render(directory: Path) -> Path:
     """Write header, source and the batch driver into `directory`, and return it."""
-    (templates,) = pfaffian.templates.__path__
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(templates) / "c"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,
-    )
     directory.mkdir(parents=True, exist_ok=True)
-    for name in ("pf_elementary.h", "pf_elementary.c"):
-        template = environment.get_template(f"{name}.j2")
-        text = template.render(header="/* test build */", **render_context())
-        (directory / name).write_text(text, encoding="utf-8")
+    context = {"header": "/* test build */", **render_context()}
+    for name in ELEMENTARY_FILES:
+        (directory / name).write_text(fill(f"c/{name}.j2", context), encoding="utf-8")
     (directory / "batch.c").write_text(_BATCH, encoding="utf-8")
     return directory
 
@@ -101,11 +104,10 @@ def host_build(directory: Path, name: str, compiler: tuple[str, ...], *flags: st
     batch.argtypes = [ctypes.c_int32, ctypes.c_int32, *[ctypes.c_void_p] * 3]
 
     def evaluate(function: str, x: Array) -> Array:
-        x = np.ascontiguousarray(x, dtype=np.float64)
-        results = np.zeros((2, x.size))
+        x, results = arguments_of(function, x)
         rows = (x.ctypes.data, results[0].ctypes.data, results[1].ctypes.data)
         batch(FUNCTIONS.index(function), x.size, *rows)
-        return results if function == "sincos" else results[0]
+        return results if function in PAIRS else results[0]
 
     return evaluate
 
@@ -139,9 +141,10 @@ def _emulated(elf_path: Path) -> Evaluate:
     machine.mem_map(data, 0x0100_0000)
 
     def evaluate(function: str, x: Array) -> Array:
+        x, results = arguments_of(function, x)
         rows = [data + k * 8 * x.size for k in range(3)]
         machine.mem_write(rows[0], x.astype(">f8").tobytes())
-        machine.mem_write(rows[1], bytes(16 * x.size))
+        machine.mem_write(rows[1], results.astype(">f8").tobytes())
         machine.reg_write(ppc.UC_PPC_REG_MSR, 0x2000)
         machine.reg_write(ppc.UC_PPC_REG_1, stack + 15 * page)
         machine.reg_write(ppc.UC_PPC_REG_LR, stub)
@@ -150,9 +153,17 @@ def _emulated(elf_path: Path) -> Evaluate:
         machine.emu_start(entry, stub)
         raw = bytes(machine.mem_read(rows[1], 16 * x.size))
         results = np.frombuffer(raw, dtype=">f8").astype(np.float64).reshape(2, -1)
-        return results if function == "sincos" else results[0]
+        return results if function in PAIRS else results[0]
 
     return evaluate
+
+
+def arguments_of(function: str, x: Array) -> tuple[Array, Array]:
+    """Return the first arguments, and two rows for results, the second with second arguments."""
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    if function != "atan2":
+        return x, np.zeros((2, x.size))
+    return x[0].copy(), np.ascontiguousarray([np.zeros(x.shape[1]), x[1]])
 
 
 def bits_of(values: Array) -> npt.NDArray[np.uint64]:
@@ -168,11 +179,12 @@ def value_of(bits: int) -> float:
 
 def ulp_errors(name: str, x: Array, y: Array) -> Array:
     """Return the error of each y as f(x), in units in the last place of the exact result."""
-    errors = np.empty(x.size)
+    errors = np.empty(y.size)
+    rows = np.atleast_2d(x).T.tolist()
     with gmpy2.context(precision=200) as context:
         exact_function = getattr(context, name)
-        for k, (argument, result) in enumerate(zip(x.tolist(), y.tolist(), strict=True)):
-            exact = exact_function(gmpy2.mpfr(argument))
+        for k, (arguments, result) in enumerate(zip(rows, y.tolist(), strict=True)):
+            exact = exact_function(*map(gmpy2.mpfr, arguments))
             nearest = float(exact)
             ulp = math.ulp(nearest)
             if abs(nearest) > abs(exact) and math.frexp(nearest)[0] in (0.5, -0.5):
@@ -185,5 +197,6 @@ def assert_within(name: str, bound: float, x: Array, y: Array) -> None:
     """Fail, naming the worst point, where an error is above `bound` ulp."""
     errors = ulp_errors(name, x, y)
     worst = int(np.argmax(np.nan_to_num(errors, nan=np.inf)))
-    report = f"{name}({x[worst].hex()}) = {y[worst].hex()} is {errors[worst]:.4f} ulp off"
+    arguments = ", ".join(value.hex() for value in np.atleast_2d(x)[:, worst].tolist())
+    report = f"{name}({arguments}) = {y[worst].hex()} is {errors[worst]:.4f} ulp off"
     assert errors[worst] <= bound, report

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -20,9 +19,12 @@ from pfaffian.derive.elementary import (
     elementary_coefficients,
     render_context,
 )
+from pfaffian.derive.elementary_tables import ATAN_ROWS, atan_edges
+from pfaffian.runtime.toolchain import processor_has_fma
 from support_elementary import (
     BASE_FLAGS,
     FUNCTIONS,
+    POINTS,
     TARGET_FLAGS,
     WARNINGS,
     ZIG,
@@ -62,19 +64,26 @@ def beside(points: list[float], rng: np.random.Generator, count: int = 300) -> A
 
 
 def samples(name: str) -> Array:
-    """Arguments over the domain where the error bound of a function holds."""
+    """Arguments over the domain where the error bound of a function holds; two rows of atan2."""
     rng = np.random.default_rng(20240229)
-    c = elementary_coefficients()
-    n = 30_000
+    if name == "atan2":
+        ranges = [(-3, 3), (-40, 40), (-480, 480), (900, 1024), (-960, -900)]
+        rows = [[spread(rng, *span, POINTS // 2) for span in ranges] for _ in range(2)]
+        return np.array([np.concatenate(row) for row in rows])
+    n = POINTS
     everywhere = spread(rng, -1074, -20, 2_000)
     half_ln2 = math.log(2) / 2
     switches = [half_ln2 * k for k in (1.0, 3.0, 5.0, -3.0)] + [2.0**-55]
     if name in ("sin", "cos"):
-        wide, worst = rng.uniform(-SINCOS_MAX, SINCOS_MAX, n), rng.uniform(0.55, 2.4, n)
-        parts = [wide, worst, spread(rng, -30, 16.6, n), beside([2.0**-55, math.pi / 4], rng)]
+        step = math.pi / 32
+        wide, worst = rng.uniform(-SINCOS_MAX, SINCOS_MAX, n), rng.uniform(step, 3 * step, n)
+        edges = beside([step * k for k in range(1, 65)], rng, 30)
+        near = [rng.uniform(-2, 2, n), worst, HALF_PI - worst]
+        parts = [wide, *near, spread(rng, -30, 16.6, n), edges]
     elif name == "atan":
-        edges = [*c.atan_breaks, *(sector[0] for sector in c.atan_sectors), 2.0**55, 2.0**-55]
-        sizes = [rng.uniform(-4, 4, n), rng.uniform(0.25, 0.3, n), spread(rng, 1, 1024, n)]
+        edges = [edge for row in range(ATAN_ROWS) for edge in atan_edges(row)]
+        edges += [row.tangent for row in elementary_coefficients().atan_rows]
+        sizes = [rng.uniform(-4, 4, n), rng.uniform(0.09, 0.14, n), spread(rng, 1, 1024, n)]
         parts = [*sizes, spread(rng, -20, 2, n), beside(edges, rng)]
     elif name == "tanh":
         edges = [*switches, 18.714973875118524, 19.06154746539849, 20.0]
@@ -140,6 +149,20 @@ def test_both_ends_of_the_exponentials(host: Evaluate, name: str) -> None:
     assert host("exp", np.array([lowest, math.nextafter(lowest, -INF)])).tolist() == [SMALLEST, 0.0]
 
 
+def assert_correctly_rounded(host: Evaluate, x: Array) -> None:
+    """The processor's square root (NumPy's, and ours on a host) agrees with the software."""
+    assert np.array_equal(bits_of(host("sqrt", x)), bits_of(np.sqrt(x)))
+    assert np.array_equal(bits_of(host("sqrt_software", x)), bits_of(np.sqrt(x)))
+
+
+def test_software_and_hardware_square_root_agree_on_any_bits(host: Evaluate) -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(8):
+        x = rng.integers(0, 2**64, 250_000, dtype=np.uint64).view(np.float64)
+        assert np.array_equal(bits_of(host("sqrt", x)), bits_of(host("sqrt_software", x)))
+        assert_correctly_rounded(host, np.abs(x[~np.isnan(x)]))
+
+
 def test_square_root_is_correctly_rounded(host: Evaluate) -> None:
     rng = np.random.default_rng(5)
     low = rng.integers(1, 2**52, 100_000, dtype=np.uint64).view(np.float64)  # subnormals
@@ -147,7 +170,7 @@ def test_square_root_is_correctly_rounded(host: Evaluate) -> None:
     edges = np.array([2.0**k for k in range(-1074, 1024)])
     sides = [np.nextafter(edges, 0), np.nextafter(edges, INF)]
     x = np.concatenate([low, *sizes, edges, *sides, np.arange(10_000.0) ** 2])
-    assert np.array_equal(bits_of(host("sqrt", x)), bits_of(np.sqrt(x)))
+    assert_correctly_rounded(host, x)
     few = x[::50]
     exact = np.array([math.sqrt(value) for value in few.tolist()])
     assert np.array_equal(bits_of(host("sqrt", few)), bits_of(exact))
@@ -177,13 +200,16 @@ def test_square_root_next_to_midpoints(host: Evaluate) -> None:
                     hard.append(mantissa * 2.0 ** (power - 54))
     x = np.array(hard)
     assert x.size > 4_000
-    assert np.array_equal(bits_of(host("sqrt", x)), bits_of(np.sqrt(x)))
+    assert_correctly_rounded(host, x)
+    for scale in (2.0**-1074, 2.0**-700, 2.0**-180, 2.0**300, 2.0**900):
+        assert_correctly_rounded(host, x * scale)
 
 
 @pytest.mark.parametrize("name", ["sin", "atan", "tanh"])
 def test_odd_in_every_bit(host: Evaluate, name: str) -> None:
+    """Other than zero, whose sign only the square root keeps."""
     x = mixed_arguments(30_000)
-    x = x[~np.isnan(x)]
+    x = x[~np.isnan(x) & (x != 0.0)]
     plus, minus = host(name, x), host(name, -x)
     number = ~np.isnan(plus)
     assert np.array_equal(bits_of(minus)[number], bits_of(-plus)[number])
@@ -199,16 +225,13 @@ def test_cosine_even_and_sincos_the_same_bits(host: Evaluate) -> None:
 
 def test_only_one_nan_comes_out(host: Evaluate) -> None:
     x = mixed_arguments(50_000)
-    for name in FUNCTIONS:
+    turns = np.abs(x) <= SINCOS_MAX
+    domains = {"is_finite": np.full(x.shape, True), "sqrt": x >= 0, "sqrt_software": x >= 0}
+    domains |= dict.fromkeys(("sin", "cos", "sincos", "sincos_inline"), turns)
+    for name in FUNCTIONS[:-1]:
         y = host(name, x)
         assert np.all(bits_of(y)[np.isnan(y)] == QUIET_NAN_BITS), name
-        domain = {
-            "sqrt": x >= 0,
-            "sin": np.abs(x) <= SINCOS_MAX,
-            "cos": np.abs(x) <= SINCOS_MAX,
-            "sincos": np.abs(x) <= SINCOS_MAX,
-            "is_finite": np.full(x.shape, True),
-        }.get(name, ~np.isnan(x))
+        domain = domains.get(name, ~np.isnan(x))
         assert np.array_equal(~np.isnan(y), np.broadcast_to(domain, y.shape)), name
 
 
@@ -216,14 +239,14 @@ AFTER_MAX = math.nextafter(SINCOS_MAX, INF)
 SPECIAL = [
     *[("sqrt", x, y) for x, y in [(0.0, 0.0), (-0.0, -0.0), (INF, INF), (4.0, 2.0)]],
     *[("sqrt", x, NAN) for x in (-SMALLEST, -1.0, -INF, NAN)],
-    *[("sin", x, x) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
+    *[("sin", x, x + 0.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("cos", x, 1.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[(name, x, NAN) for name in ("sin", "cos") for x in (AFTER_MAX, -AFTER_MAX, INF, NAN)],
-    *[("atan", x, x) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
+    *[("atan", x, x + 0.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("atan", x, math.copysign(HALF_PI, x)) for x in (INF, -INF, 1e308, -1e17)],
-    *[("tanh", x, x) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
+    *[("tanh", x, x + 0.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("tanh", x, math.copysign(1.0, x)) for x in (INF, -INF, 1e308, 20.0, -19.1)],
-    *[("expm1", x, x) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
+    *[("expm1", x, x + 0.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("exp", x, 1.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("exp", -INF, 0.0), ("exp", INF, INF), ("expm1", -INF, -1.0), ("expm1", INF, INF)],
     *[(name, NAN, NAN) for name in ("atan", "tanh", "exp", "expm1")],
@@ -238,9 +261,22 @@ def test_special_values(host: Evaluate) -> None:
         assert bits_of(y)[0] == bits_of(np.array([expected]))[0], f"{name}({x}) = {y[0]}"
 
 
+def test_special_points_of_the_angle(host: Evaluate) -> None:
+    pi = math.pi
+    cases = [(0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (-0.0, -1.0, pi), (0.0, -0.0, 0.0)]
+    cases += [(1.0, 0.0, pi / 2), (-1.0, -0.0, -pi / 2), (INF, -1.0, pi / 2), (-INF, 1.0, -pi / 2)]
+    cases += [(1.0, INF, 0.0), (1.0, -INF, pi), (-1.0, -INF, -pi), (SMALLEST, 1.0, SMALLEST)]
+    cases += [(INF, -INF, NAN), (NAN, 1.0, NAN), (1.0, NAN, NAN), (INF, NAN, NAN), (NAN, 0.0, NAN)]
+    for y, x, angle in cases:
+        result = host("atan2", np.array([[y], [x]]))
+        assert bits_of(result)[0] == bits_of(np.array([angle]))[0], f"atan2({y}, {x}) = {result[0]}"
+
+
 def assert_same_bits(one: Evaluate, other: Evaluate, x: Array) -> None:
+    pairs = {"atan2": np.stack([x, np.roll(x, 1)])}
     for name in FUNCTIONS:
-        assert np.array_equal(bits_of(one(name, x)), bits_of(other(name, x))), name
+        arguments = pairs.get(name, x)
+        assert np.array_equal(bits_of(one(name, arguments)), bits_of(other(name, arguments))), name
 
 
 @pytest.mark.parametrize("flag", ["-O0", "-O3"])
@@ -249,12 +285,7 @@ def test_same_bits_at_any_optimization(sources: Path, host: Evaluate, flag: str)
     assert_same_bits(host, other, mixed_arguments(20_000))
 
 
-def has_fma() -> bool:
-    cpu = Path("/proc/cpuinfo")
-    return platform.machine() == "x86_64" and cpu.exists() and " fma " in cpu.read_text()
-
-
-@pytest.mark.skipif(not has_fma(), reason="this processor has no x86 fused multiply-add")
+@pytest.mark.skipif(not processor_has_fma(), reason="this processor has no x86 fused multiply-add")
 def test_same_bits_with_the_processors_own_fma(sources: Path, host: Evaluate) -> None:
     other = host_build(sources, "fma", ("gcc",), "-O2", "-mfma")
     assert_same_bits(host, other, mixed_arguments(50_000))
@@ -271,7 +302,7 @@ def test_same_bits_on_the_target(sources: Path, host: Evaluate) -> None:
     target = target_build(sources)
     assert_same_bits(host, target, mixed_arguments(30_000))
     for name in ULP_BOUNDS:
-        x = samples(name)[::4]
+        x = samples(name)[..., ::4]
         assert np.array_equal(bits_of(host(name, x)), bits_of(target(name, x))), name
     for name, value, expected in SPECIAL:
         y = target(name, np.array([value]))
@@ -314,7 +345,7 @@ def test_header_is_also_cpp(sources: Path) -> None:
 
 def test_reference_values_agree_with_mpmath(host: Evaluate) -> None:
     """The errors above are measured against MPFR; this ties some of them to mpmath as well."""
-    for name in ULP_BOUNDS:
+    for name in [name for name in ULP_BOUNDS if name != "atan2"]:
         x = np.abs(samples("exp" if name == "sqrt" else name)[2_000::211])
         for argument, result in zip(x.tolist(), host(name, x).tolist(), strict=True):
             with mpmath.workdps(60):
@@ -327,13 +358,13 @@ def test_reference_values_agree_with_mpmath(host: Evaluate) -> None:
 
 def test_formulas_are_well_below_the_rounding_errors() -> None:
     c = elementary_coefficients()
-    for error in (c.sin_error, c.cos_error, c.atan_error, c.exp_error):
-        assert 0.0 < error < 2.0**-57
-    assert 0.0 < c.sqrt_seed_error < 2.0**-13  # squared twice: 2^-51 left for the last step
+    for formula in (c.sin, c.versine, c.atan, c.exp):
+        assert 0.0 < formula.error < 2.0**-55.5
+    assert 0.0 < c.sqrt_seed_error < 2.0**-8  # squared three times: the rounding is left
     with mpmath.workdps(60):
-        assert abs(mpmath.fsum(c.half_pi) - mpmath.pi / 2) < mpmath.mpf(2) ** -140
-    middle = mpmath.mpf(c.half_pi[1])
-    multiples = int(SINCOS_MAX / HALF_PI) + 1
+        assert abs(mpmath.fsum(c.step) - mpmath.pi / 16) < mpmath.mpf(2) ** -142
+    middle = mpmath.mpf(c.step[1])
+    multiples = int(SINCOS_MAX / c.step[0]) + 1
     assert middle.man * multiples < 2**53
 
 

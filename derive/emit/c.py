@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pfaffian.derive.emit.emitter import (
+    ELEMENTARY_FILES,
     Emission,
     comment_text,
     fill,
@@ -54,8 +55,20 @@ DIALECT = Dialect(
         Op.SELECT: "({0} ? {1} : {2})",
     },
     literal=c_literal,
-    pairs_sine_and_cosine=True,
+    sincos="pf_sincos",
     truths={"engaged": "(engaged != 0U)"},
+)
+
+
+#: The step calls what it needs often as inline functions: same bits, no call.
+INLINE = replace(
+    DIALECT,
+    patterns={
+        **DIALECT.patterns,
+        Op.SQRT: "pf_sqrt_inline({0})",
+        Op.ATAN: "pf_atan_inline({0})",
+    },
+    sincos="pf_sincos_inline",
 )
 
 
@@ -79,13 +92,13 @@ def _wrap(line: str, indent: str = "    ") -> list[str]:
     )
 
 
-def _statement_lines(statement: Statement) -> list[str]:
+def _statement_lines(statement: Statement, dialect: Dialect) -> list[str]:
     if statement.kind == "sincos":
         sine, cosine = statement.name, statement.cosine
         return [
             f"    double {sine};",
             f"    double {cosine};",
-            f"    pf_sincos({statement.expression}, &{sine}, &{cosine});",
+            f"    {dialect.sincos}({statement.expression}, &{sine}, &{cosine});",
         ]
     kind = "int" if statement.kind == "truth" else "double"
     code = f"const {kind} {statement.name} = {statement.expression};"
@@ -97,7 +110,9 @@ def _statement_lines(statement: Statement) -> list[str]:
     return above + _wrap(code)
 
 
-def body_of(program: Program, member: Callable[[int, Signal], str]) -> Body:
+def body_of(
+    program: Program, member: Callable[[int, Signal], str], dialect: Dialect = DIALECT
+) -> Body:
     """Return the body of `program`; `member` says where input number k is read from."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     lines = []
@@ -108,9 +123,9 @@ def body_of(program: Program, member: Callable[[int, Signal], str]) -> Body:
         kind = "uint32_t" if signal.name in DIALECT.truths else "double"
         lines.append(f"    const {kind} {signal.name} = {place};")
     lines.append("")
-    statements, results = statements_of(program, DIALECT)
+    statements, results = statements_of(program, dialect)
     for statement in statements:
-        lines += _statement_lines(statement)
+        lines += _statement_lines(statement, dialect)
     return Body(tuple(lines), results)
 
 
@@ -169,7 +184,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     model = emission.model
     structures = structures_of(model)
     controller = _pointers(input="input", state="state", prepared="state", parameter="params")
-    step = body_of(model.program("step"), controller)
+    step = body_of(model.program("step"), controller, INLINE)
     prepare = model.program("prepare")
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = _pointers(input="state", torque="input", parameter="params")
@@ -200,9 +215,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "energy": body_of(model.program("energy"), plant),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
-    texts = {"pf_elementary.h", "pf_elementary.c"}
     elementary = {"header": header, **model.elementary}
-    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in sorted(texts)}
+    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
     for template, path in (
         ("pf_scalar.h", "pf_scalar.h"),
         ("pf_model.h", "pf_model.h"),

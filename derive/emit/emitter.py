@@ -41,6 +41,9 @@ _OWN_WORDS = """
 TIME_BOUND = 1e9
 _RESERVED = frozenset((*_C_WORDS.split(), *_OWN_WORDS.split(), *keyword.kwlist))
 
+#: Files of the elementary functions of double; each has a template of its name.
+ELEMENTARY_FILES = ("pf_elementary.c", "pf_elementary.h", "pf_elementary_inline.h")
+
 
 @dataclass(frozen=True)
 class Emission:

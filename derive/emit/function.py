@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.c import body_of
-from pfaffian.derive.emit.emitter import fill
+from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
 from pfaffian.derive.program import Program
 
 
@@ -23,6 +23,6 @@ def emit_function(program: Program) -> dict[str, str]:
         "results": list(body.results.values()),
     }
     elementary = {"header": "/* For a measurement. */", **render_context()}
-    files = {n: fill(f"c/{n}.j2", elementary) for n in ("pf_elementary.h", "pf_elementary.c")}
+    files = {n: fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
     files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", {"header": "/* For a measurement. */"})
     return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}

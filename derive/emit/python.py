@@ -39,7 +39,6 @@ DIALECT = Dialect(
         Op.SELECT: "np.where({0}, {1}, {2})",
     },
     literal=repr,
-    pairs_sine_and_cosine=False,
 )
 
 

@@ -18,11 +18,12 @@ _SUM, _PRODUCT, _UNARY, _ATOM = 1, 2, 3, 4
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes operations: call patterns, literals, and whether sin and cos pair."""
+    """How a language writes operations: call patterns, literals, functions."""
 
     patterns: Mapping[Op, str]
     literal: Callable[[float], str]
-    pairs_sine_and_cosine: bool
+    #: The function that gives sine and cosine together; none where they are taken apart.
+    sincos: str = ""
     #: Inputs that are truth values, and how their truth is written.
     truths: Mapping[str, str] = field(default_factory=dict)
 
@@ -62,7 +63,7 @@ class _Writer:
         self.statements: list[Statement] = []
         self.renamed = renamed
         self.taken = {s.name for s in program.inputs} | {i.name for i in program.instructions}
-        self.paired = self._sine_cosine_pairs() if dialect.pairs_sine_and_cosine else {}
+        self.paired = self._sine_cosine_pairs() if dialect.sincos else {}
         self.done_pairs: dict[int, tuple[str, str]] = {}
 
     def _sine_cosine_pairs(self) -> dict[int, dict[Op, str]]:

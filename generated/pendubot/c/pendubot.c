@@ -7,7 +7,7 @@
  */
 #include "pendubot.h"
 
-#include "pf_elementary.h"
+#include "pf_elementary_inline.h"
 #include "pf_scalar.h"
 
 /* Whether every measurement is finite and inside its domain; a NaN fails each comparison. */
@@ -192,15 +192,15 @@ pendubot_status_t pendubot_step(pendubot_state_t *state,
     const double s = pf_fma(lam, pf_fma(e1, lam1, dq1), pf_fma(e2, lam2, dq2)); /* (3) [rad/s] */
     double sin_q2;
     double cos_q2;
-    pf_sincos(q2, &sin_q2, &cos_q2);
+    pf_sincos_inline(q2, &sin_q2, &cos_q2);
     double sin_q1;
     double cos_q1;
-    pf_sincos(q1, &sin_q1, &cos_q1);
+    pf_sincos_inline(q1, &sin_q1, &cos_q1);
     const double dq1_squared = dq1 * dq1;
-    const double speed = pf_sqrt(pf_fma(dq2, dq2, dq1_squared)); /* |e'| [rad/s] */
-    const double distance = pf_sqrt(pf_fma(e1, e1, e2 * e2)); /* |e| [rad] */
+    const double speed = pf_sqrt_inline(pf_fma(dq2, dq2, dq1_squared)); /* |e'| [rad/s] */
+    const double distance = pf_sqrt_inline(pf_fma(e1, e1, e2 * e2)); /* |e| [rad] */
     /* sigma s + (2 eta/pi) arctan s, (2) [1/s^2] */
-    const double drift = pf_fma(s, sigma, pf_atan(s) * twice_eta_over_pi);
+    const double drift = pf_fma(s, sigma, pf_atan_inline(s) * twice_eta_over_pi);
     const double cos_q1_plus_q2 = pf_fms(cos_q1, cos_q2, sin_q1 * sin_q2);
     /* mass matrix, (1) [kg*m^2] */
     const double m11 = pf_fma(cos_q2, twice_theta3, theta1_plus_theta2);

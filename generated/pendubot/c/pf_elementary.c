@@ -5,425 +5,397 @@
  * Parameters, SHA-256 13e6bdd0f614dc5d838f9f7a38b0cb4e2358627d23f29414d5f4109ed6a79c15
  * Operations a control step: 94
  */
-/*
- * How the accuracy is reached: each function ends in one addition "large part + small part" (exp
- * then only scales). The large part is exact, or its rounding error is known exactly and sits in
- * the small part. The small part may then be a few roundings off, because it is small: the final
- * rounding, half a unit in the last place, is most of the error.
- *
- * The order of operations is part of the result. Do not regroup.
- */
-#include "pf_elementary.h"
-
-#include <stdint.h>
-
-#if defined(__FAST_MATH__)
-#error "pf_elementary needs IEEE 754 arithmetic: compile without -ffast-math"
-#endif
-#if defined(__clang__) && defined(__powerpc__) && !__STDC_HOSTED__ && !defined(__NO_MATH_ERRNO__)
-#error "clang makes the fused multiply-add an instruction only with -fno-math-errno"
-#endif
-#if defined(__FLT_EVAL_METHOD__) && (__FLT_EVAL_METHOD__ == 1 || __FLT_EVAL_METHOD__ == 2)
-#error "pf_elementary needs arithmetic in double: for 32-bit x86 compile with -msse2 -mfpmath=sse"
-#endif
-
-/* A double and its bits. Only whole 64-bit values are exchanged: byte order plays no part. */
-union pf_bits {
-    double value;
-    uint64_t bits;
-};
-
-/* Below tiny, sin, atan, tanh and expm1 return x itself: exact enough, and it keeps -0. */
-static const double tiny = 0x1p-55; /* 2.7755575615628914e-17 */
-
-/* 1.5 * 2^52: v + round_shift - round_shift rounds v to an integer, ties to even, and the low
- * bits of the sum hold that integer in two's complement. No conversion instruction is needed. */
-static const double round_shift = 0x1.8p+52; /* 6755399441055744.0 */
-
-static double from_bits(uint64_t bits)
-{
-    return ((union pf_bits){.bits = bits}).value;
-}
-
-static uint64_t to_bits(double value)
-{
-    return ((union pf_bits){.value = value}).bits;
-}
-
-static double quiet_nan(void)
-{
-    return from_bits(UINT64_C(0x7ff8000000000000));
-}
-
-static int is_nan(double x)
-{
-    return (to_bits(x) & UINT64_C(0x7fffffffffffffff)) > UINT64_C(0x7ff0000000000000);
-}
-
-/* 2^(exponent - 1023), for exponent in 1 ... 2046. */
-static double power_of_two(uint32_t exponent)
-{
-    return from_bits((uint64_t)exponent << 52);
-}
+#include "pf_elementary_inline.h"
 
 int pf_is_finite(double x)
 {
-    return (to_bits(x) & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
+    return (pf_bits_of(x) & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
 /* ---- square root ------------------------------------------------------------------------- */
 
-static const double sqrt_half = 0x1.6a09e667f3bcdp-1; /* 0.7071067811865476 */
-static const double two_54 = 0x1p+54; /* 1.8014398509481984e+16 */
+const struct pf_sqrt_table pf_sqrt_table = {
+    0x1p-1, /* 0.5 */
+    {
+0x5f34a32eu, 0x5f33ef5eu, 0x5f3359dfu, 0x5f32e08bu, 0x5f328170u, 0x5f323acau,
+0x5f320b00u, 0x5f31f09eu, 0x5f31e9d4u, 0x5f31f6dbu, 0x5f321524u, 0x5f324424u,
+0x5f3282e8u, 0x5f32d092u, 0x5f332c54u, 0x5f33956eu, 0x5f340b2fu, 0x5f348cf4u,
+0x5f351a22u, 0x5f35b22bu, 0x5f36548au, 0x5f3700c3u, 0x5f37b662u, 0x5f3874fau,
+0x5f393c24u, 0x5f3a0b82u, 0x5f3ae2b8u, 0x5f3bc171u, 0x5f3ca75fu, 0x5f3d9436u,
+0x5f3e87aeu, 0x5f3f8185u, 0x5f3f0bb2u, 0x5f3d3953u, 0x5f3b91d4u, 0x5f3a122bu,
+0x5f38b796u, 0x5f377f99u, 0x5f3667f1u, 0x5f356e8du, 0x5f34918du, 0x5f33cf38u,
+0x5f3325f8u, 0x5f32945cu, 0x5f32190cu, 0x5f31b2ceu, 0x5f31607du, 0x5f31210du,
+0x5f30f381u, 0x5f30d6f1u, 0x5f30ca5eu, 0x5f30cd75u, 0x5f30df02u, 0x5f30fe7eu,
+0x5f312b44u, 0x5f3164bau, 0x5f31aa50u, 0x5f31fb7eu, 0x5f3257c5u, 0x5f32beacu,
+0x5f332fc4u, 0x5f33aaa1u, 0x5f342edfu, 0x5f34bc1eu
+    },
+};
 
-/* sqrt of m = f (odd = 0) or 2 f (odd = 1), where 1 <= f < 2, correctly rounded. */
-static double sqrt_of_mantissa(double f, uint32_t odd)
+double pf_sqrt_rare(double x)
 {
-    /* First y = 1/sqrt(f), relative error 2^-13.5. */
-    double y = 0x1.97165ce976f3ap-5; /* 0.04969328066701313 */
-    y = __builtin_fma(y, f, -0x1.8814c04dfafep-2); /* -0.3828916595073206 */
-    y = __builtin_fma(y, f, 0x1.3018c120becc5p+0); /* 1.187877722258052 */
-    y = __builtin_fma(y, f, -0x1.ebeb02e92c637p+0); /* -1.921554738928888 */
-    y = __builtin_fma(y, f, 0x1.088c9af1a9901p+1); /* 2.066790931700894 */
-    double m = f;
-    if (odd != 0u) {
-        m = f + f;
-        y *= sqrt_half;
+    uint64_t bits = pf_bits_of(x);
+    uint32_t bias = 1023u; /* of the exponent of x */
+    if (bits >= UINT64_C(0x7ff0000000000000)) { /* +inf; NaN, x < 0 */
+        return bits == UINT64_C(0x7ff0000000000000) ? x : __builtin_nan("");
     }
-    /* g -> sqrt(m) and h -> 1/(2 sqrt(m)) together. Each step squares the relative error: 2^-26,
-     * then 2^-51. */
-    double g = m * y;
-    double h = 0.5 * y;
-    double d = __builtin_fma(-g, h, 0.5);
-    g = __builtin_fma(g, d, g);
-    h = __builtin_fma(h, d, h);
-    d = __builtin_fma(-g, h, 0.5);
-    g = __builtin_fma(g, d, g);
-    h = __builtin_fma(h, d, h);
-    /* Last step, from the remainder of g itself. Before its rounding the sum is off by less than
-     * 2^-99, so only a root closer than that to halfway between two doubles could be rounded to
-     * the wrong side; there are few such m, and the tests go through all of them. */
-    d = __builtin_fma(-g, g, m);
-    return __builtin_fma(d, h, g);
+    if (bits < UINT64_C(0x0010000000000000)) { /* subnormal: make it normal */
+        bits = pf_bits_of(x * 0x1p+54); /* 2^54 */
+        bias += 54u;
+    }
+    /* x = f 2^(2 half + odd). Adding 2048 keeps the halving unsigned: half + 1024. */
+    const uint32_t exponent = (uint32_t)(bits >> 52) + 2048u - bias;
+    const uint64_t above = UINT64_C(0x3ff) + (exponent & 1u);
+    const double f = pf_double_of((bits & UINT64_C(0x000fffffffffffff)) | above << 52);
+    const uint64_t power = (exponent >> 1) - 1u; /* biased, half + 1023 */
+    return pf_sqrt_software(f) * pf_double_of(power << 52); /* exact */
 }
 
 double pf_sqrt(double x)
 {
-    uint64_t bits = to_bits(x);
-    uint32_t bias = 1023u; /* of the exponent of x */
-    if ((bits << 1) == 0u) {
-        return x; /* +0 and -0 */
-    }
-    if (bits >= UINT64_C(0x7ff0000000000000)) {
-        return bits == UINT64_C(0x7ff0000000000000) ? x : quiet_nan(); /* +inf; NaN, x < 0 */
-    }
-    if (bits < UINT64_C(0x0010000000000000)) { /* subnormal: make it normal */
-        bits = to_bits(x * two_54);
-        bias += 54u;
-    }
-    /* x = f * 2^(2 * half + odd). Adding 2048 keeps the halving unsigned: half + 1024. */
-    uint32_t exponent = (uint32_t)(bits >> 52) + 2048u - bias;
-    bits = (bits & UINT64_C(0x000fffffffffffff)) | UINT64_C(0x3ff0000000000000);
-    double root = sqrt_of_mantissa(from_bits(bits), exponent & 1u);
-    return root * power_of_two((exponent >> 1) - 1u); /* exact; biased, half + 1023 */
+    return pf_sqrt_inline(x);
 }
 
 /* ---- sine and cosine --------------------------------------------------------------------- */
 
-static const double sincos_end = 0x1.86a0000000001p+16; /* 100000.00000000001: out of range */
-static const double two_over_pi = 0x1.45f306dc9c883p-1; /* 0.6366197723675814 */
-static const double half_pi_high = 0x1.921fb54442d18p+0; /* 1.5707963267948966 */
-static const double half_pi_middle = 0x1.1a6263314p-54; /* 6.123233995707727e-17 */
-static const double half_pi_low = 0x1.701b839a25205p-92; /* 2.9038559739793605e-28 */
-
-/* x - n pi/2 = r + low with |r| at most just above pi/4; returns n modulo 2^32. The three parts
- * hold pi/2 to about 2^-144: r + low keeps a small relative error even where x comes closest
- * to a multiple of pi/2. */
-static uint32_t reduce_half_pi(double x, double *r, double *low)
-{
-    double shifted = __builtin_fma(x, two_over_pi, round_shift);
-    double n = shifted - round_shift;
-    /* Exact: the difference is below 1 and a multiple of 2^-53 (of the spacing of x if finer). */
-    double first = __builtin_fma(n, -half_pi_high, x);
-    double middle = n * half_pi_middle; /* exact: few bits times few bits */
-    double reduced = first - middle;
-    /* What that subtraction rounded off is exact too: either |first| is the larger operand or
-     * the subtraction was exact. */
-    double rest = (first - reduced) - middle;
-    *r = reduced;
-    *low = __builtin_fma(n, -half_pi_low, rest);
-    return (uint32_t)to_bits(shifted);
-}
-
-/* sin(r + low) = r + (r^3 S(r^2) + low (1 - r^2/2)), relative error of the formula 2^-57.2.
- * The small part is below 0.11 |r|. */
-static double sin_reduced(double r, double low)
-{
-    double z = r * r;
-    double s = 0x1.5d931c671e7e6p-33; /* 1.5896814699884636e-10 */
-    s = __builtin_fma(s, z, -0x1.ae5e66904dcb5p-26); /* -2.5050758413136127e-08 */
-    s = __builtin_fma(s, z, 0x1.71de357817b09p-19); /* 2.755731369360487e-06 */
-    s = __builtin_fma(s, z, -0x1.a01a019c11f95p-13); /* -0.0001984126982981198 */
-    s = __builtin_fma(s, z, 0x1.111111110f87dp-7); /* 0.008333333333322418 */
-    s = __builtin_fma(s, z, -0x1.5555555555549p-3); /* -0.16666666666666632 */
-    return r + __builtin_fma(r * z, s, low * __builtin_fma(z, -0.5, 1.0));
-}
-
-/* cos(r + low) = 1 - r^2/2 + (r^4 C(r^2) - r low), relative error of the formula 2^-59.8.
- * 1 - r^2/2 is rounded, and its rounding error joins the small part, which is below 0.02. */
-static double cos_reduced(double r, double low)
-{
-    double z = r * r;
-    double c = -0x1.900589d21b0c9p-37; /* -1.1369298653885801e-11 */
-    c = __builtin_fma(c, z, 0x1.1eea967f2e0e8p-29); /* 2.087591266164037e-09 */
-    c = __builtin_fma(c, z, -0x1.27e4f9086232p-22); /* -2.755731576477891e-07 */
-    c = __builtin_fma(c, z, 0x1.a01a019e158f8p-16); /* 2.4801587294420176e-05 */
-    c = __builtin_fma(c, z, -0x1.6c16c16c15fcap-10); /* -0.0013888888888882061 */
-    c = __builtin_fma(c, z, 0x1.5555555555552p-5); /* 0.041666666666666644 */
-    double half = -0.5 * r;
-    double large = __builtin_fma(half, r, 1.0);
-    double small = __builtin_fma(half, r, 1.0 - large);
-    return large + __builtin_fma(z * z, c, __builtin_fma(-r, low, small));
-}
+const struct pf_sincos_table pf_sincos_table = {
+    0x1.86a0000000001p+16, /* 100000.00000000001 */
+    0x1.45f306dc9c883p+2, /* 5.092958178940651 */
+    0x1.8p+52, /* 6755399441055744.0 */
+    -0x1.921fb54442d18p-3, /* -0.19634954084936207 */
+    -0x1.1a6263318p-57, /* -7.654042495038556e-18 */
+    0x1.d1fc8f8cbb5bfp-92, /* 3.67598583798416e-28 */
+    { 0x1.71ae487a6d9bdp-19, /* 2.7543365465857045e-06 */
+      -0x1.a019fdf14a01ap-13, /* -0.0001984126716163555 */
+      0x1.11111110f486p-7, /* 0.008333333333130521 */
+      -0x1.5555555555544p-3 }, /* -0.16666666666666619 */
+    { -0x1.9fd815cacce1ep-16, /* -2.478623882069656e-05 */
+      0x1.6c16bc5bcb607p-10, /* 0.0013888885941456556 */
+      -0x1.5555555506d84p-5, /* -0.041666666664435886 */
+      0x1.fffffffffffa1p-2 }, /* 0.4999999999999947 */
+    __builtin_nan(""),
+    {
+        { 0x0p+0, 0x0p+0, 0x1p+0, 0.0 },
+        { -0x1.b24b33e5ep-5, 0x1.248bd97ec8868p-3, 0x1.fabfde55627f9p-1, 0.0 },
+        { -0x1.68p-34, 0x1.87de2a699dfd7p-2, 0x1.d906bcf36db67p-1, 0.0 },
+        { 0x1.38p-35, 0x1.1c73b39b27675p-1, 0x1.a9b66290bec49p-1, 0.0 },
+        { 0x1.ecap-29, 0x1.6a09e67db9273p-1, 0x1.6a09e6522e526p-1, 0.0 },
+        { -0x1.38p-35, 0x1.a9b66290bec49p-1, 0x1.1c73b39b27675p-1, 0.0 },
+        { 0x1.68p-34, 0x1.d906bcf36db67p-1, 0x1.87de2a699dfd7p-2, 0.0 },
+        { 0x1.b24b33e5ep-5, 0x1.fabfde55627f9p-1, 0x1.248bd97ec8868p-3, 0.0 },
+        { 0x0p+0, 0x1p+0, 0x0p+0, 0.0 },
+        { -0x1.b24b33e5ep-5, 0x1.fabfde55627f9p-1, -0x1.248bd97ec8868p-3, 0.0 },
+        { -0x1.68p-34, 0x1.d906bcf36db67p-1, -0x1.87de2a699dfd7p-2, 0.0 },
+        { 0x1.38p-35, 0x1.a9b66290bec49p-1, -0x1.1c73b39b27675p-1, 0.0 },
+        { 0x1.ecap-29, 0x1.6a09e6522e526p-1, -0x1.6a09e67db9273p-1, 0.0 },
+        { -0x1.38p-35, 0x1.1c73b39b27675p-1, -0x1.a9b66290bec49p-1, 0.0 },
+        { 0x1.68p-34, 0x1.87de2a699dfd7p-2, -0x1.d906bcf36db67p-1, 0.0 },
+        { 0x1.b24b33e5ep-5, 0x1.248bd97ec8868p-3, -0x1.fabfde55627f9p-1, 0.0 },
+        { 0x0p+0, 0x0p+0, -0x1p+0, 0.0 },
+        { -0x1.b24b33e5ep-5, -0x1.248bd97ec8868p-3, -0x1.fabfde55627f9p-1, 0.0 },
+        { -0x1.68p-34, -0x1.87de2a699dfd7p-2, -0x1.d906bcf36db67p-1, 0.0 },
+        { 0x1.38p-35, -0x1.1c73b39b27675p-1, -0x1.a9b66290bec49p-1, 0.0 },
+        { -0x1.ecap-29, -0x1.6a09e6522e526p-1, -0x1.6a09e67db9273p-1, 0.0 },
+        { -0x1.38p-35, -0x1.a9b66290bec49p-1, -0x1.1c73b39b27675p-1, 0.0 },
+        { 0x1.68p-34, -0x1.d906bcf36db67p-1, -0x1.87de2a699dfd7p-2, 0.0 },
+        { 0x1.b24b33e5ep-5, -0x1.fabfde55627f9p-1, -0x1.248bd97ec8868p-3, 0.0 },
+        { 0x0p+0, -0x1p+0, 0x0p+0, 0.0 },
+        { -0x1.b24b33e5ep-5, -0x1.fabfde55627f9p-1, 0x1.248bd97ec8868p-3, 0.0 },
+        { -0x1.68p-34, -0x1.d906bcf36db67p-1, 0x1.87de2a699dfd7p-2, 0.0 },
+        { 0x1.38p-35, -0x1.a9b66290bec49p-1, 0x1.1c73b39b27675p-1, 0.0 },
+        { -0x1.ecap-29, -0x1.6a09e67db9273p-1, 0x1.6a09e6522e526p-1, 0.0 },
+        { -0x1.38p-35, -0x1.1c73b39b27675p-1, 0x1.a9b66290bec49p-1, 0.0 },
+        { 0x1.68p-34, -0x1.87de2a699dfd7p-2, 0x1.d906bcf36db67p-1, 0.0 },
+        { 0x1.b24b33e5ep-5, -0x1.248bd97ec8868p-3, 0x1.fabfde55627f9p-1, 0.0 },
+    },
+};
 
 void pf_sincos(double x, double *sin_x, double *cos_x)
 {
-    double size = __builtin_fabs(x);
-    if (!(size < sincos_end)) { /* also NaN */
-        *sin_x = *cos_x = quiet_nan();
-        return;
-    }
-    if (size < tiny) {
-        *sin_x = x;
-        *cos_x = 1.0;
-        return;
-    }
-    double r, low;
-    uint32_t quadrant = reduce_half_pi(x, &r, &low);
-    double s = sin_reduced(r, low);
-    double c = cos_reduced(r, low);
-    /* A quarter turn further, (s, c) -> (c, -s); half a turn further, both change sign. */
-    double sine = (quadrant & 1u) != 0u ? c : s;
-    double cosine = (quadrant & 1u) != 0u ? -s : c;
-    *sin_x = (quadrant & 2u) != 0u ? -sine : sine;
-    *cos_x = (quadrant & 2u) != 0u ? -cosine : cosine;
-}
-
-/* sin(x + quarters pi/2), one polynomial only. */
-static double sin_after(uint32_t quarters, double x)
-{
-    if (!(__builtin_fabs(x) < sincos_end)) { /* also NaN */
-        return quiet_nan();
-    }
-    double r, low;
-    uint32_t quadrant = quarters + reduce_half_pi(x, &r, &low);
-    double result = (quadrant & 1u) != 0u ? cos_reduced(r, low) : sin_reduced(r, low);
-    return (quadrant & 2u) != 0u ? -result : result;
+    pf_sincos_inline(x, sin_x, cos_x);
 }
 
 double pf_sin(double x)
 {
-    return __builtin_fabs(x) < tiny ? x : sin_after(0u, x);
+    double sine, cosine;
+    pf_sincos_inline(x, &sine, &cosine);
+    return sine;
 }
 
 double pf_cos(double x)
 {
-    return sin_after(1u, x);
+    double sine, cosine;
+    pf_sincos_inline(x, &sine, &cosine);
+    return cosine;
 }
 
 /* ---- arctangent -------------------------------------------------------------------------- */
 
-/* A sector of angles: the tangent of its centre, and the centre as a sum of two doubles. */
-struct sector {
-    double tangent, high, low;
+const struct pf_atan_table pf_atan_table = {
+    0x1p-3, /* 0.125 */
+    1.0,
+    { -0x1.6c505015fce13p-4, /* -0.08894377978850114 */
+      0x1.c708abd9f9564p-4, /* 0.11109225396611105 */
+      -0x1.24923e17aba89p-3, /* -0.14285706052529104 */
+      0x1.99999994344bep-3, /* 0.19999999984296396 */
+      -0x1.5555555554e7cp-2 }, /* -0.333333333333236 */
+    0x1.921fb54442d18p+0, /* 1.5707963267948966 */
+    0x1.1a62633145c07p-54, /* 6.123233995736766e-17 */
+    0.0,
+    __builtin_nan(""),
+    {
+        { 0x0p+0, 0x0p+0 },
+        { 0x0p+0, 0x0p+0 },
+        { 0x0p+0, 0x0p+0 },
+        { 0x1.b6db6db7p-4, 0x1.b53076f5a7a29p-4 },
+        { 0x1.33333332b8p-3, 0x1.30ed367d04531p-3 },
+        { 0x1.b6db6db6a8p-3, 0x1.b051b394920efp-3 },
+        { 0x1.1c71c71c9cp-2, 0x1.15731754c8b4bp-2 },
+        { 0x1.5d1745d17cp-2, 0x1.50703e0a16cedp-2 },
+        { 0x1.b6db6db6bp-2, 0x1.9e9bf3d1e9168p-2 },
+        { 0x1.1c71c71c84p-1, 0x1.03a26a487c4fcp-1 },
+        { 0x1.5d1745d168p-1, 0x1.3263f611908efp-1 },
+        { 0x1.9d89d89d8ap-1, 0x1.5bdc20555b087p-1 },
+        { 0x1.f800001acap-1, 0x1.8e17aaa76705p-1 },
+        { 0x1.3cccccccc5p+0, 0x1.c8447a76947afp-1 },
+        { 0x1.7d5555549ep+0, 0x1.f58a9bb99eb58p-1 },
+        { 0x1.bdb6db6db6p+0, 0x1.0ca85b76a3036p+0 },
+        { 0x1.0c3c3c3c3ep+1, 0x1.2024b72e54797p+0 },
+        { 0x1.4cf3cf3cedp+1, 0x1.342aa75859adbp+0 },
+        { 0x1.8d70a3d70bp+1, 0x1.425c8dfaff931p+0 },
+        { 0x1.cdcb08d3da8p+1, 0x1.4ce7492c6787cp+0 },
+        { 0x1.1457c57c58p+2, 0x1.57dcc319cde96p+0 },
+        { 0x1.5505f417cf8p+2, 0x1.62a1f3a0d98b5p+0 },
+        { 0x1.957d7d7d7ep+2, 0x1.6a0c8d9abdffdp+0 },
+        { 0x1.d5d49c3412p+2, 0x1.6f770c56fc381p+0 },
+        { 0x1.1864f52edf2p+3, 0x1.7508a239071d9p+0 },
+        { 0x1.590eb66fd1cp+3, 0x1.7a735a68c8393p+0 },
+        { 0x1.9983ba6860cp+3, 0x1.7e29066a0a1fcp+0 },
+        { 0x1.d9d946fdd8p+3, 0x1.80dca2569519bp+0 },
+    },
 };
-
-/* 0.5241796287829132 + 5.520094119641666e-18 */
-static const struct sector sector_1 = {0.578125, 0x1.0c6145b5b43dap-1, 0x1.974fa13b5404fp-58};
-/* 1.0477780150574778 + -4.645716264798717e-17 */
-static const struct sector sector_2 = {1.734375, 0x1.0c3b2e1423c0fp+0, -0x1.ac7ddfb7312b5p-55};
-static const double quarter_turn_high = 0x1.921fb54442d18p+0; /* 1.5707963267948966 */
-static const double quarter_turn_low = 0x1.1a62633145c07p-54; /* 6.123233995736766e-17 */
-
-/* Where the sectors begin, where -1/x takes over, and where nothing is left to compute. */
-static const double sector_1_from = 0x1.1p-2; /* 0.265625 */
-static const double sector_2_from = 0x1p+0; /* 1.0 */
-static const double reciprocal_from = 0x1.dep+1; /* 3.734375 */
-static const double quarter_turn_from = 0x1p+55; /* 3.602879701896397e+16: atan rounds to pi/2 */
-
-/* t^3 A(t^2) + low, where atan t = t + t^3 A(t^2) for |t| <= 0.2709, relative error of
- * the formula 2^-58.7. The result is below 0.025 |t| but for low. */
-static double atan_small_part(double t, double low)
-{
-    double z = t * t;
-    double a = -0x1.38a0d7c7d3e0dp-5; /* -0.03816263336795709 */
-    a = __builtin_fma(a, z, 0x1.d0aaf7719556ap-5); /* 0.056722148216674054 */
-    a = __builtin_fma(a, z, -0x1.105a7c2ad6d59p-4); /* -0.06649254324786592 */
-    a = __builtin_fma(a, z, 0x1.3b0a750e7df39p-4); /* 0.0769142696880153 */
-    a = __builtin_fma(a, z, -0x1.745ccd1f4aacp-4); /* -0.09090881467697454 */
-    a = __builtin_fma(a, z, 0x1.c71c705e29857p-4); /* 0.11111110585861304 */
-    a = __builtin_fma(a, z, -0x1.24924922a0157p-3); /* -0.14285714280050385 */
-    a = __builtin_fma(a, z, 0x1.9999999996f62p-3); /* 0.19999999999970003 */
-    a = __builtin_fma(a, z, -0x1.555555555554bp-2); /* -0.33333333333333276 */
-    return __builtin_fma(t * z, a, low);
-}
-
-/* atan of a size >= sector_1_from. In a sector atan x = high + low + atan t with
- * t = (x - tangent) / (1 + x tangent); far out t = -1/x. The quotient is taken by a reciprocal,
- * and t_low, from its remainder, makes up for the roundings. */
-static double atan_by_sector(double size)
-{
-    double high = quarter_turn_high;
-    double low = quarter_turn_low;
-    double numerator = -1.0;
-    double denominator = size;
-    double lost = 0.0; /* by rounding the denominator */
-    if (size < reciprocal_from) {
-        const struct sector *sector = size < sector_2_from ? &sector_1 : &sector_2;
-        high = sector->high;
-        low = sector->low;
-        numerator = size - sector->tangent; /* exact: the tangent is close, and has few bits */
-        denominator = __builtin_fma(size, sector->tangent, 1.0);
-        lost = __builtin_fma(size, sector->tangent, 1.0 - denominator);
-    }
-    double reciprocal = 1.0 / denominator;
-    double t = numerator * reciprocal;
-    double remainder = __builtin_fma(-t, lost, __builtin_fma(-t, denominator, numerator));
-    double t_low = remainder * reciprocal;
-    double large = high + t;
-    double small = (high - large) + t; /* exactly what that sum rounded off: |high| > |t| */
-    return large + (small + atan_small_part(t, t_low + low));
-}
 
 double pf_atan(double x)
 {
-    double size = __builtin_fabs(x);
-    double result = quarter_turn_high;
-    if (size < sector_1_from) {
-        return size < tiny ? x : x + atan_small_part(x, 0.0);
+    return pf_atan_inline(x);
+}
+
+/* Infinities, NaN, or the origin. */
+static double atan2_rare(double y, double x)
+{
+    const double infinity = __builtin_inf();
+    const double width = __builtin_fabs(x);
+    const double height = __builtin_fabs(y);
+    double result = x < 0.0 ? 2.0 * pf_atan_table.half_pi : 0.0;
+    if (!(width <= infinity) || !(height <= infinity)) {
+        return pf_atan_table.nan;
     }
-    if (size < quarter_turn_from) {
-        result = atan_by_sector(size);
-    } else if (is_nan(x)) {
-        return quiet_nan();
+    if (height >= infinity) {
+        result = width >= infinity ? pf_atan_table.nan : pf_atan_table.half_pi;
     }
-    return x < 0.0 ? -result : result;
+    return y < 0.0 ? -result : result;
+}
+
+/*
+ * As pf_atan, the quotient |y|/|x| picking the row only: t comes from x and y themselves, and what
+ * it rounds off is taken from its remainder. Left of the y axis the angle is pi - angle of the row,
+ * whose rounding error joins the small part.
+ */
+double pf_atan2(double y, double x)
+{
+    PF_TABLE struct pf_atan_table *k = &pf_atan_table;
+    double width = __builtin_fabs(x);
+    double height = __builtin_fabs(y);
+    const double larger = width > height ? width : height;
+    if (!(larger < __builtin_inf() && larger > 0.0 && width >= 0.0 && height >= 0.0)) {
+        return atan2_rare(y, x);
+    }
+    if (larger > 0x1p+900 || larger < 0x1p-900) { /* 2^900, 2^-900: keep clear of the limits */
+        const double scale = larger > 1.0 ? 0x1p-500 : 0x1p+500; /* 2^-500, 2^500 */
+        width *= scale;
+        height *= scale;
+    }
+    const uint32_t word = (uint32_t)(pf_bits_of(height / width + k->offset) >> 32);
+    const uint32_t index = (word >> 18) - 4080u;
+    double angle = k->half_pi;
+    double angle_low = k->half_pi_low;
+    double numerator = -width;
+    double denominator = height;
+    if (index < 28u) {
+        const double tangent = k->rows[index].tangent;
+        angle = k->rows[index].angle;
+        angle_low = 0.0;
+        numerator = -__builtin_fma(tangent, width, -height);
+        denominator = __builtin_fma(tangent, height, width);
+    }
+    double t = numerator / denominator;
+    double t_low = -__builtin_fma(t, denominator, -numerator) / denominator;
+    if (x < 0.0) {
+        const double turned = 2.0 * k->half_pi - angle;
+        angle_low = ((2.0 * k->half_pi - turned) - angle) + (2.0 * k->half_pi_low - angle_low);
+        angle = turned;
+        t = -t;
+        t_low = -t_low;
+    }
+    const double z = t * t;
+    double a = __builtin_fma(k->a[0], z, k->a[1]);
+    a = __builtin_fma(a, z, k->a[2]);
+    a = __builtin_fma(a, z, k->a[3]);
+    a = __builtin_fma(a, z, k->a[4]);
+    const double small = __builtin_fma(t * z, a, t_low + angle_low);
+    const double result = angle + (t + small);
+    return y < 0.0 ? -result : result;
 }
 
 /* ---- exponentials ------------------------------------------------------------------------ */
 
-static const double log2_e = 0x1.71547652b82fep+0; /* 1.4426950408889634 */
-static const double ln2_high = 0x1.62e42fefa39efp-1; /* 0.6931471805599453 */
-static const double ln2_low = 0x1.abc9e3b39803fp-56; /* 2.3190468138462996e-17 */
-static const double exp_overflow = 0x1.62e42fefa39fp+9; /* 709.7827128933841: exp is infinite */
-static const double exp_underflow = -0x1.74910d52d3051p+9; /* -745.1332191019411: below, exp is 0 */
-static const double expm1_split = 0x1.4p+5; /* 40.0: beyond, expm1 is exp, or -1 */
-static const double tanh_one = 0x1.4p+4; /* 20.0: tanh rounds to 1 */
+struct pf_exp_table {
+    double overflow, underflow;            /* exp is infinite from, and 0 below */
+    double split;                          /* beyond, expm1 is exp, or -1 */
+    double saturation;                     /* tanh rounds to 1 */
+    double log2_e, round_shift;            /* 1/ln 2; 1.5 * 2^52 */
+    double high, low;                      /* -ln 2 as a sum */
+    double one, two, zero, nan, infinity;
+    double e[11];
+};
+
+extern const struct pf_exp_table pf_exp_table;
+
+const struct pf_exp_table pf_exp_table = {
+    0x1.62e42fefa39fp+9, /* 709.7827128933841 */
+    -0x1.74910d52d3051p+9, /* -745.1332191019411 */
+    0x1.4p+5, /* 40.0 */
+    0x1.4p+4, /* 20.0 */
+    0x1.71547652b82fep+0, /* 1.4426950408889634 */
+    0x1.8p+52, /* 6755399441055744.0 */
+    -0x1.62e42fefa39efp-1, /* -0.6931471805599453 */
+    -0x1.abc9e3b39803fp-56, /* -2.3190468138462996e-17 */
+    1.0, 2.0, 0.0, __builtin_nan(""), __builtin_inf(),
+    { 0x1.1f72fc83bcbc7p-29, /* 2.091467944897855e-09 */
+      0x1.af4ddda1c08cdp-26, /* 2.5105206475334834e-08 */
+      0x1.27e4db67ac2bp-22, /* 2.7557273661174726e-07 */
+      0x1.71de0237484cdp-19, /* 2.75572554255029e-06 */
+      0x1.a01a01a6d7831p-16, /* 2.4801587325533502e-05 */
+      0x1.a01a01abe6323p-13, /* 0.00019841269874800683 */
+      0x1.6c16c16c162d6p-10, /* 0.0013888888888883752 */
+      0x1.11111111100dfp-7, /* 0.008333333333326141 */
+      0x1.5555555555556p-5, /* 0.04166666666666667 */
+      0x1.5555555555557p-3, /* 0.1666666666666667 */
+      0x1p-1 }, /* 0.5 */
+};
+
+/* 2^(exponent - 1023), for exponent in 1 ... 2046. */
+static inline double power_of_two(uint32_t exponent)
+{
+    return pf_double_of((uint64_t)exponent << 52);
+}
 
 /* x - n ln 2 = r + low with |r| at most just above ln(2)/2; returns n modulo 2^32. */
-static uint32_t reduce_ln2(double x, double *r, double *low)
+static inline uint32_t reduce_ln2(double x, double *r, double *low)
 {
-    double shifted = __builtin_fma(x, log2_e, round_shift);
-    double n = shifted - round_shift;
-    double first = __builtin_fma(n, -ln2_high, x); /* exact, as in reduce_half_pi */
-    double reduced = __builtin_fma(n, -ln2_low, first);
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
+    const double round_shift = k->round_shift;
+    const double shifted = __builtin_fma(x, k->log2_e, round_shift);
+    const double n = shifted - round_shift;
+    const double first = __builtin_fma(n, k->high, x); /* exact: below 1, a multiple of 2^-53 */
+    const double low_part = k->low;
+    const double reduced = __builtin_fma(n, low_part, first);
     *r = reduced;
-    *low = __builtin_fma(n, -ln2_low, first - reduced);
-    return (uint32_t)to_bits(shifted);
+    *low = __builtin_fma(n, low_part, first - reduced);
+    return (uint32_t)pf_bits_of(shifted);
 }
 
 /* r^2 E(r) + low, where exp r = 1 + r + r^2 E(r), error relative to exp r - 1 2^-60.0.
  * The result is below 0.21 |r| but for low. */
-static double exp_small_part(double r, double low)
+static inline double exp_small_part(double r, double low)
 {
-    double e = 0x1.1f72fc83bcbc7p-29; /* 2.091467944897855e-09 */
-    e = __builtin_fma(e, r, 0x1.af4ddda1c08cdp-26); /* 2.5105206475334834e-08 */
-    e = __builtin_fma(e, r, 0x1.27e4db67ac2bp-22); /* 2.7557273661174726e-07 */
-    e = __builtin_fma(e, r, 0x1.71de0237484cdp-19); /* 2.75572554255029e-06 */
-    e = __builtin_fma(e, r, 0x1.a01a01a6d7831p-16); /* 2.4801587325533502e-05 */
-    e = __builtin_fma(e, r, 0x1.a01a01abe6323p-13); /* 0.00019841269874800683 */
-    e = __builtin_fma(e, r, 0x1.6c16c16c162d6p-10); /* 0.0013888888888883752 */
-    e = __builtin_fma(e, r, 0x1.11111111100dfp-7); /* 0.008333333333326141 */
-    e = __builtin_fma(e, r, 0x1.5555555555556p-5); /* 0.04166666666666667 */
-    e = __builtin_fma(e, r, 0x1.5555555555557p-3); /* 0.1666666666666667 */
-    e = __builtin_fma(e, r, 0x1p-1); /* 0.5 */
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
+    double e = __builtin_fma(k->e[0], r, k->e[1]);
+    e = __builtin_fma(e, r, k->e[2]);
+    e = __builtin_fma(e, r, k->e[3]);
+    e = __builtin_fma(e, r, k->e[4]);
+    e = __builtin_fma(e, r, k->e[5]);
+    e = __builtin_fma(e, r, k->e[6]);
+    e = __builtin_fma(e, r, k->e[7]);
+    e = __builtin_fma(e, r, k->e[8]);
+    e = __builtin_fma(e, r, k->e[9]);
+    e = __builtin_fma(e, r, k->e[10]);
     return __builtin_fma(r * r, e, low);
 }
 
 double pf_exp(double x)
 {
-    if (!(x < exp_overflow)) { /* also NaN */
-        return is_nan(x) ? quiet_nan() : from_bits(UINT64_C(0x7ff0000000000000));
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
+    if (!(x < k->overflow)) { /* also NaN */
+        return x > k->one ? k->infinity : k->nan;
     }
-    if (x < exp_underflow) {
-        return 0.0;
+    if (x < k->underflow) {
+        return k->zero;
     }
     double r, low;
-    uint32_t exponent = 2046u + reduce_ln2(x, &r, &low);
-    double large = 1.0 + r;
-    double small = (1.0 - large) + r; /* exactly what that sum rounded off */
-    small = exp_small_part(r, __builtin_fma(low, large, small)); /* exp low = 1 + low */
+    const uint32_t exponent = 2046u + reduce_ln2(x, &r, &low);
+    const double one = k->one;
+    const double large = one + r;
+    const double lost = (one - large) + r; /* exactly what that sum rounded off */
+    const double small = exp_small_part(r, __builtin_fma(low, large, lost)); /* exp low = 1 + low */
     /* 2^n as the product of two powers, each in range even where 2^n is not. Only the second
      * factor may round, and does so only where the result is subnormal. */
-    uint32_t half = exponent >> 1;
+    const uint32_t half = exponent >> 1;
     return (large + small) * power_of_two(half) * power_of_two(exponent - half);
 }
 
-/* exp x - 1 = result + low, for |x| < expm1_split (so 2^n is well in range). */
-static double expm1_parts(double x, double *low)
+/* exp x - 1 = result + low, for |x| < split (so 2^n is well in range). */
+static inline double expm1_parts(double x, double *low)
 {
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
     double r, r_low;
-    uint32_t n = reduce_ln2(x, &r, &r_low);
+    const uint32_t n = reduce_ln2(x, &r, &r_low);
     double part = exp_small_part(r, __builtin_fma(r_low, r, r_low)); /* exp r_low = 1 + r_low */
     double high = r + part;
     part = (r - high) + part;
     /* 2^n (high + part) + (2^n - 1). The power dominates unless n = 0, where it is zero: what
      * both sums round off is found exactly, and collected in small. */
-    double scale = power_of_two(n + 1023u);
-    double power = scale - 1.0;
-    double small = (scale - power) - 1.0;
+    const double one = k->one;
+    const double scale = power_of_two(n + 1023u);
+    const double power = scale - one;
+    const double small = (scale - power) - one;
     high *= scale;
-    double large = power + high;
+    const double large = power + high;
     *low = ((power - large) + high) + __builtin_fma(scale, part, small);
     return large;
 }
 
 double pf_expm1(double x)
 {
-    double size = __builtin_fabs(x);
-    if (size < tiny) {
-        return x;
-    }
-    if (!(size < expm1_split)) { /* also NaN */
-        return x < 0.0 ? -1.0 : pf_exp(x);
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
+    if (!(__builtin_fabs(x) < k->split)) { /* also NaN */
+        return x < k->zero ? -k->one : pf_exp(x);
     }
     double low;
-    double large = expm1_parts(x, &low);
+    const double large = expm1_parts(x, &low);
     return large + low;
 }
 
-/* tanh |x| = e / (e + 2) with e = exp(2 |x|) - 1, both in two parts. The quotient is taken by a
- * reciprocal; its remainder corrects it in the last operation, the only rounding that counts. */
+/* tanh |x| = e / (e + 2) with e = exp(2 |x|) - 1, both in two parts. The remainder of the quotient
+ * corrects it in the last operation, the only rounding that counts. */
 double pf_tanh(double x)
 {
-    double size = __builtin_fabs(x);
-    double result = 1.0;
-    if (size < tiny) {
-        return x;
-    }
-    if (size < tanh_one) {
+    PF_TABLE struct pf_exp_table *k = &pf_exp_table;
+    const double size = __builtin_fabs(x);
+    double result = k->one;
+    if (size < k->saturation) {
         double low;
-        double e = expm1_parts(size + size, &low);
-        double denominator = e + 2.0;
-        double added = denominator - e; /* either operand of that sum may be the larger one */
-        double lost = ((e - (denominator - added)) + (2.0 - added)) + low;
-        double reciprocal = 1.0 / denominator;
-        double quotient = e * reciprocal;
+        const double two = k->two;
+        const double e = expm1_parts(size + size, &low);
+        const double denominator = e + two;
+        const double added = denominator - e; /* either operand of that sum may be the larger one */
+        const double lost = ((e - (denominator - added)) + (two - added)) + low;
+        const double reciprocal = k->one / denominator;
+        const double quotient = e * reciprocal;
         double remainder = __builtin_fma(-quotient, denominator, e) + low;
         remainder = __builtin_fma(-quotient, lost, remainder);
         result = __builtin_fma(remainder, reciprocal, quotient);
-    } else if (is_nan(x)) {
-        return quiet_nan();
+    } else if (!(size > k->one)) { /* NaN */
+        return k->nan;
     }
-    return x < 0.0 ? -result : result;
+    return x < k->zero ? -result : result;
 }

@@ -21,7 +21,8 @@
  *
  * Errors are in units in the last place (ulp) of the exact result, bounds that hold in testing.
  * Any NaN returned is the one with bits 0x7ff8000000000000, and a NaN argument always gives it.
- * The odd functions (sin, atan, tanh) satisfy f(-x) = -f(x) bit for bit.
+ * The odd functions (sin, atan, tanh) satisfy f(-x) = -f(x) bit for bit, except that a result of
+ * zero is +0: only pf_sqrt tells -0 from +0.
  */
 
 #ifdef __cplusplus
@@ -38,8 +39,8 @@ int pf_is_finite(double x);
  * included. sqrt(-0) = -0, sqrt(+inf) = +inf, NaN for x < 0. */
 double pf_sqrt(double x);
 
-/* Sine and cosine of x in radians with one argument reduction. Error below 0.8 ulp (sine)
- * and 0.8 ulp (cosine) for |x| <= PF_SINCOS_MAX, next to the multiples of pi/2 as well.
+/* Sine and cosine of x in radians with one argument reduction. Error below 0.9 ulp (sine)
+ * and 0.9 ulp (cosine) for |x| <= PF_SINCOS_MAX, next to the multiples of pi/2 as well.
  * Both NaN beyond. */
 void pf_sincos(double x, double *sin_x, double *cos_x);
 
@@ -49,10 +50,15 @@ double pf_sin(double x);
 /* Cosine alone: the bits that pf_sincos gives. */
 double pf_cos(double x);
 
-/* Arctangent of any x, in [-pi/2, pi/2]. Error below 0.65 ulp. */
+/* Arctangent of any x, in [-pi/2, pi/2]. Error below 0.9 ulp. */
 double pf_atan(double x);
 
-/* e^x. Error below 0.65 ulp, in the last subnormal bit where the result is subnormal.
+/* Angle of the point (x, y), in [-pi, pi]. Error below 0.95 ulp, in the last subnormal bit
+ * where the result is subnormal. Zeros count as positive, so pf_atan2(0, 0) = 0 and the angle of
+ * (-1, -0) is pi. NaN for two infinities. */
+double pf_atan2(double y, double x);
+
+/* e^x. Error below 0.65 ulp; below 1 in the last bit where the result is subnormal.
  * +inf for x > 709.782712893384, 0 for x < -745.1332191019411. */
 double pf_exp(double x);
 
