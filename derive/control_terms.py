@@ -138,9 +138,16 @@ def define_dynamics(
 
 
 def define_shared(
-    builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics, constraint: Constraint
+    builder: BlockBuilder,
+    spec: ModelSpec,
+    dynamics: Dynamics,
+    constraint: Constraint,
+    least_square: sp.Expr = sp.S.Zero,
 ) -> Shared:
-    """Define s, drift, ADB, the demand b + AD(C q' + G) and the regressor Pi of (47)."""
+    """Define s, drift, ADB, the demand b + AD(C q' + G) and the regressor Pi of (47).
+
+    `least_square` is added to |e|^2 and |e'|^2 in Pi.
+    """
     units, m = LawUnits(spec), len(spec.actuators)
     errors = [
         builder.define(f"e{i + 1}", e, "error, (4)", spec.coordinates[i].unit)
@@ -166,7 +173,7 @@ def define_shared(
         demand.append(
             builder.define(d, right + (ad[r, :] * bias)[0], "b + A D (C q' + G)", units.drifts[r])
         )
-    regressor = _define_regressor(builder, spec, errors, named)
+    regressor = _define_regressor(builder, spec, errors, named, least_square)
     return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
 
 
@@ -240,6 +247,7 @@ def _define_regressor(
     spec: ModelSpec,
     errors: list[sp.Symbol],
     named: dict[sp.Basic, sp.Symbol],
+    least_square: sp.Expr,
 ) -> sp.Symbol:
     """Define Pi = (|e'| + 1)^2 + (|e| + 1)^2.
 
@@ -249,9 +257,14 @@ def _define_regressor(
     motion = kinds.pop() if len(kinds) == 1 else ""
     rates = [time_derivative(e, spec.coordinates).xreplace(named) for e in spec.constraint.errors]
     speed = builder.define(
-        "speed", sp.sqrt(sum(v**2 for v in rates)), "|e'|", motion and f"{motion}/s"
+        "speed",
+        sp.sqrt(sp.Add(*(v**2 for v in rates), least_square)),
+        "|e'|",
+        motion and f"{motion}/s",
     )
-    distance = builder.define("distance", sp.sqrt(sum(e**2 for e in errors)), "|e|", motion)
+    distance = builder.define(
+        "distance", sp.sqrt(sp.Add(*(e**2 for e in errors), least_square)), "|e|", motion
+    )
     return builder.define("regressor", (speed + 1) ** 2 + (distance + 1) ** 2, "Pi, (47)")
 
 

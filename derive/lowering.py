@@ -14,6 +14,7 @@ from typing import Any
 import casadi as ca
 import sympy as sp
 from pfaffian.derive.block import Block
+from pfaffian.derive.functions import side
 from pfaffian.derive.program import Instruction, Op, Program, Signal
 from sympy.codegen.cfunctions import expm1
 from sympy.core.relational import Relational
@@ -27,6 +28,7 @@ _UNARY: dict[type, Callable[[Any], Any]] = {
     expm1: ca.expm1,
     sp.Abs: ca.fabs,
     sp.sign: ca.sign,
+    side: lambda x: ca.if_else(x < 0, -1.0, 1.0),
 }
 _RELATION: dict[type, Callable[[Any, Any], Any]] = {
     sp.StrictGreaterThan: lambda a, b: b < a,

@@ -24,12 +24,16 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.dimensions import unit_product
+from pfaffian.derive.functions import side
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.spec import ModelSpec
 from sympy.codegen.cfunctions import expm1
 
 #: Keeps the direction of bhat defined where bhat is zero; far below any value that matters.
 _NO_LENGTH = sp.Rational(1, 2**500)
+#: Keeps |e| and |e'| in Pi from 0 by 2^-60: their roots then need no special cases, and Pi a
+#: derivative everywhere. It is less than the rounding of Pi >= 2.
+_LEAST_SQUARE = sp.Rational(1, 2**120)
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     take_measurement(builder, spec)
     state = _take_state(builder, units, m)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "target")
-    shared = define_shared(builder, spec, dynamics, constraint)
+    shared = define_shared(builder, spec, dynamics, constraint, _LEAST_SQUARE)
     moved = tuple(
         builder.define(
             name,
@@ -195,34 +199,40 @@ def _one_actuator(
     rate: sp.Symbol,
     layer: sp.Symbol,
 ) -> _Solved:
-    """Solve the implicit step exactly, for |bhat|; the maximum keeps the digits inside the layer.
+    """Solve the implicit step exactly: inside the layer of p3 unless that asks for more than rho.
 
-    The sign of bhat does not change within a period: p2 and p3 get it back at the end.
+    Each form is computed where it is used, so that no digits are lost inside the layer.
     """
-    define, law = builder.define, spec.law
-    size = define("bhat_size", sp.Abs(scaled[0]), "|bhat|", units.scaled)
+    define, law, bhat = builder.define, spec.law, scaled[0]
     inside = define(
         "bhat_inside",
-        size / (1 + rate * (law.kappa + layer)),
-        "|bhat| after the period, inside the layer",
+        bhat / (1 + rate * (law.kappa + layer)),
+        "bhat after the period, inside the layer",
         units.scaled,
+    )
+    pull = define("p3_inside", layer * inside, "-p3 inside the layer", units.force)
+    push = define(
+        "p3_outside",
+        side(bhat) * effort,
+        "-p3 outside the layer",
+        units.force,
     )
     outside = define(
         "bhat_outside",
-        (size - rate * effort) / (1 + rate * law.kappa),
-        "|bhat| after the period, outside the layer",
+        (bhat - rate * push) / (1 + rate * law.kappa),
+        "bhat after the period, outside the layer",
         units.scaled,
     )
-    after = define("bhat_next", sp.Max(inside, outside), "|bhat| after the period", units.scaled)
-    pull = define("p3_size", sp.Min(layer * inside, effort), "|p3|", units.force)
-    opposed = scaled[0] < 0
-
-    def against(value: sp.Expr) -> sp.Expr:
-        return sp.Piecewise((value, opposed), (-value, True))
-
-    p2 = define("p2", against(law.kappa * after), "(18)", units.force)
-    p3 = define("p3", against(pull), "(19), (23)", units.force)
-    return (p2,), (p3,), after
+    beyond = sp.Abs(pull) > effort
+    after = define(
+        "bhat_next",
+        sp.Piecewise((outside, beyond), (inside, True)),
+        "bhat after the period",
+        units.scaled,
+    )
+    p2 = define("p2", -law.kappa * after, "(18)", units.force)
+    p3 = define("p3", -sp.Piecewise((push, beyond), (pull, True)), "(19), (23)", units.force)
+    return (p2,), (p3,), sp.Abs(after)
 
 
 def _several_actuators(
@@ -280,9 +290,11 @@ def _give_torque(
         beyond,
         strict=True,
     ):
-        most = sp.Piecewise((-limit, total < 0), (limit, True))
         command = builder.define(
-            name, sp.Piecewise((most, over), (total, True)), "saturated torque", actuator.unit
+            name,
+            sp.Piecewise((side(total) * limit, over), (total, True)),
+            "saturated torque",
+            actuator.unit,
         )
         builder.give(actuator.name, command, actuator.unit, "torque, (16), within its limit")
     saturated = sp.Or(*beyond) if m > 1 else beyond[0]

@@ -13,6 +13,7 @@ from typing import Any
 
 import sympy as sp
 from pfaffian.derive.block import Block
+from pfaffian.derive.functions import side
 from pfaffian.derive.step_peers import (
     SIGNATURE,
     constant_names,
@@ -86,7 +87,7 @@ def _sorted_symbols(expression: sp.Basic) -> list[sp.Symbol]:
 def _plain_definitions(block: Block) -> Iterator[tuple[sp.Symbol, sp.Basic]]:
     """Give the definitions with `a and b` as a branch in a branch: neither tool knows `and`."""
     for definition in block.definitions:
-        value = definition.expression.replace(
+        value = definition.expression.rewrite(side, sp.Piecewise).replace(
             lambda e: isinstance(e, sp.Piecewise) and isinstance(e.args[0].cond, sp.And), _nested
         )
         yield definition.symbol, value

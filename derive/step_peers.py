@@ -15,6 +15,7 @@ import casadi as ca
 import sympy as sp
 from pfaffian.derive.block import Block
 from pfaffian.derive.emit.emitter import fill
+from pfaffian.derive.functions import side
 from pfaffian.derive.lowering import ToCasadi
 from pfaffian.runtime.generated_model import GeneratedFolder
 from pfaffian.runtime.step_bench import CAPACITY, StepTool
@@ -185,9 +186,10 @@ def shared_assignments(
     """
     known: dict[sp.Symbol, sp.Basic] = {}
     kept: list[tuple[sp.Symbol, sp.Basic]] = []
+    used = set().union(*(d.expression.free_symbols for d in block.definitions))
     for definition in block.definitions:
-        value = definition.expression.xreplace(known)
-        if isinstance(value, sp.Piecewise) and definition.symbol not in block.results:
+        value = definition.expression.rewrite(side, sp.Piecewise).xreplace(known)
+        if value.has(sp.Piecewise) and definition.symbol in used:
             kept.append((definition.symbol, value))
         else:
             known[definition.symbol] = value

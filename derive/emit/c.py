@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from pfaffian.derive.emit.emitter import (
@@ -15,10 +17,11 @@ from pfaffian.derive.emit.emitter import (
     measured_bounds,
     snake,
 )
-from pfaffian.derive.emit.finite import values_to_check
+from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.optimise.ranges import Range
 from pfaffian.derive.program import Op, Program, Signal, restricted
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
@@ -56,7 +59,7 @@ DIALECT = Dialect(
     },
     literal=c_literal,
     sincos="pf_sincos",
-    truths={"engaged": "(engaged != 0U)"},
+    truths={"engaged": ""},
 )
 
 
@@ -69,6 +72,8 @@ INLINE = replace(
         Op.ATAN: "pf_atan_inline({0})",
     },
     sincos="pf_sincos_inline",
+    plain={Op.SQRT: "pf_sqrt_normal_inline({0})"},
+    plain_sincos="pf_sincos_within_inline",
 )
 
 
@@ -92,13 +97,13 @@ def _wrap(line: str, indent: str = "    ") -> list[str]:
     )
 
 
-def _statement_lines(statement: Statement, dialect: Dialect) -> list[str]:
+def _statement_lines(statement: Statement) -> list[str]:
     if statement.kind == "sincos":
         sine, cosine = statement.name, statement.cosine
         return [
             f"    double {sine};",
             f"    double {cosine};",
-            f"    {dialect.sincos}({statement.expression}, &{sine}, &{cosine});",
+            f"    {statement.function}({statement.expression}, &{sine}, &{cosine});",
         ]
     kind = "int" if statement.kind == "truth" else "double"
     code = f"const {kind} {statement.name} = {statement.expression};"
@@ -111,22 +116,42 @@ def _statement_lines(statement: Statement, dialect: Dialect) -> list[str]:
 
 
 def body_of(
-    program: Program, member: Callable[[int, Signal], str], dialect: Dialect = DIALECT
+    program: Program,
+    member: Callable[[int, Signal], str],
+    dialect: Dialect = DIALECT,
+    bounds: Mapping[str, Range] | None = None,
 ) -> Body:
-    """Return the body of `program`; `member` says where input number k is read from."""
-    used = {a for i in program.instructions for a in i.args} | set(program.results)
-    lines = []
-    for index, signal in enumerate(program.inputs):
-        if index not in used:
-            continue
-        place = member(index, signal)
-        kind = "uint32_t" if signal.name in DIALECT.truths else "double"
-        lines.append(f"    const {kind} {signal.name} = {place};")
-    lines.append("")
-    statements, results = statements_of(program, dialect)
+    """Return the body of `program`; `member` says where input number k is read from.
+
+    What is read once is read where it is used; the rest just before: values that are read early
+    and used late only fill registers.
+    """
+    uses = Counter(a for i in program.instructions for a in i.args)
+    uses.update(program.results)
+    places = {s.name: member(k, s) for k, s in enumerate(program.inputs) if uses[k]}
+    direct = {
+        s.name: places[s.name]
+        for k, s in enumerate(program.inputs)
+        if uses[k] == 1 and s.group in ("parameter", "prepared", "state")
+    }
+    truths = {name: f"({places[name]} != 0U)" for name in dialect.truths if name in places}
+    dialect = replace(dialect, truths=truths)
+    statements, results = statements_of(program, dialect, inputs=direct, bounds=bounds)
+    waiting = [n for n in places if n not in direct and n not in truths]
+    lines: list[str] = []
     for statement in statements:
-        lines += _statement_lines(statement, dialect)
+        words = set(re.findall(r"\w+", statement.expression))
+        lines += [f"    const double {n} = {places[n]};" for n in waiting if n in words]
+        waiting = [n for n in waiting if n not in words]
+        lines += _statement_lines(statement)
+    lines += [f"    const double {n} = {places[n]};" for n in waiting]
     return Body(tuple(lines), results)
+
+
+def _input_bounds(model: LoweredModel) -> dict[str, Range]:
+    """Return what the checks before the step, and those of `init`, leave of its inputs."""
+    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
+    return bounds | {name: (-b, b) for name, b in measured_bounds(model)}
 
 
 def _pointers(**sources: str) -> Callable[[int, Signal], str]:
@@ -184,7 +209,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
     model = emission.model
     structures = structures_of(model)
     controller = _pointers(input="input", state="state", prepared="state", parameter="params")
-    step = body_of(model.program("step"), controller, INLINE)
+    program, checks = with_checks(model.program("step"))
+    step = body_of(program, controller, INLINE, _input_bounds(model))
     prepare = model.program("prepare")
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = _pointers(input="state", torque="input", parameter="params")
@@ -206,7 +232,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
-        "checked": [step.results[name] for name in values_to_check(model.program("step"))],
+        "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in model.program("step").outputs if s.group == "next_state"],
         "prepare": body_of(restricted(prepare, "prepared"), controller),
         "start": body_of(restricted(prepare, "state"), controller),

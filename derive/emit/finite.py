@@ -2,28 +2,63 @@
 
 from __future__ import annotations
 
-from pfaffian.derive.program import Op, Program
+from dataclasses import replace
+
+from pfaffian.derive.program import Op, Program, Signal
 
 #: Where the result is finite only if all operands are; a quotient says so of its numerator alone.
 _ALL = frozenset({Op.ADD, Op.SUB, Op.MUL, Op.FMA, Op.FMS, Op.FNMS, Op.NEG, Op.ABS, Op.SQRT})
 
 
-def values_to_check(program: Program) -> tuple[str, ...]:
-    """Return outputs of `program` whose being finite makes every output finite but flags.
+def with_checks(program: Program) -> tuple[Program, tuple[str, ...]]:
+    """Return `program` with the values to check as further outputs, and the names of those."""
+    chosen = values_to_check(program)
+    names = tuple(f"check{k}" for k in range(len(chosen)))
+    checks = tuple(Signal(name, "", "", "check") for name in names)
+    outputs, results = (*program.outputs, *checks), (*program.results, *chosen)
+    return replace(program, outputs=outputs, results=results), names
+
+
+def values_to_check(program: Program) -> tuple[int, ...]:
+    """Return the values of `program` whose being finite makes every output finite but flags.
 
     An infinity or a NaN goes through sums and products: a finite result vouches for its operands.
-    What goes through comparisons has to be checked itself.
+    What goes through comparisons has to be checked itself. A value held within +-limit is finite
+    where it is finite before: the limit stands only in for something larger.
     """
     vouched: set[int] = set()
-    chosen: list[str] = []
-    pairs = list(zip(program.outputs, program.results, strict=True))
-    for signal, index in sorted(pairs, key=lambda pair: -pair[1]):
-        if signal.group == "flag" or index in vouched:
-            continue
-        chosen.append(signal.name)
-        _vouch(program, index, vouched)
-    ordered = [s.name for s in program.outputs]
-    return tuple(sorted(chosen, key=ordered.index))
+    pairs = zip(program.outputs, program.results, strict=True)
+    leaving = {_unlimited(program, index) for s, index in pairs if s.group != "flag"}
+    chosen: list[int] = []
+    for index in sorted(leaving, reverse=True):
+        if index not in vouched:
+            chosen.append(index)
+            _vouch(program, index, vouched)
+    return tuple(sorted(chosen))
+
+
+def _unlimited(program: Program, index: int) -> int:
+    """Return x for (limit < |x| ? +-limit : x), else the value itself."""
+    choice = program.instructions[index]
+    if choice.op is not Op.SELECT:
+        return index
+    condition = program.instructions[choice.args[0]]
+    if condition.op is not Op.LESS:
+        return index
+    limit, size = condition.args
+    magnitude = program.instructions[size]
+    limited = magnitude.op is Op.ABS and magnitude.args[0] == choice.args[2]
+    return choice.args[2] if limited and _is_of(program, choice.args[1], limit) else index
+
+
+def _is_of(program: Program, index: int, limit: int) -> bool:
+    """Return whether a value is the limit, its negative, or a choice between the two."""
+    if index == limit:
+        return True
+    value = program.instructions[index]
+    if value.op is Op.NEG:
+        return value.args[0] == limit
+    return value.op is Op.SELECT and all(_is_of(program, a, limit) for a in value.args[1:])
 
 
 def _vouch(program: Program, index: int, vouched: set[int]) -> None:

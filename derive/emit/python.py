@@ -10,7 +10,7 @@ from pfaffian.derive.emit.emitter import (
     measured_bounds,
     snake,
 )
-from pfaffian.derive.emit.finite import values_to_check
+from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.program import Op, Program
@@ -65,6 +65,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
     controller = {"input": "measured", "state": "state", "prepared": "state", "parameter": "params"}
     plant = {"input": "state", "torque": "applied", "parameter": "params"}
     step = model.program("step")
+    checked, checks = with_checks(step)
     context: dict[str, object] = {
         "header": emission.banner(),
         "title": comment_text(model.title),
@@ -109,8 +110,8 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "output_names": structures["output"].names(),
         "limits": model.limits,
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
-        "checked": values_to_check(step),
-        "step": _body(step, controller),
+        "checked": checks,
+        "step": _body(checked, controller),
         "prepare": _body(model.program("prepare"), controller),
         "continuous": _body(model.program("continuous"), controller),
         "acceleration": _body(model.program("acceleration"), plant),

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from pfaffian.derive.optimise.ranges import Range, plain_calls
 from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, without_dead
 
 _SUM, _PRODUCT, _UNARY, _ATOM = 1, 2, 3, 4
@@ -24,19 +25,26 @@ class Dialect:
     literal: Callable[[float], str]
     #: The function that gives sine and cosine together; none where they are taken apart.
     sincos: str = ""
+    #: The same functions where no argument can leave the domain of a plainer form.
+    plain: Mapping[Op, str] = field(default_factory=dict)
+    plain_sincos: str = ""
     #: Inputs that are truth values, and how their truth is written.
     truths: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Statement:
-    """One assignment: kind `value`, `truth` or `sincos` (then `name` is the sine's)."""
+    """One assignment: kind `value`, `truth` or `sincos`.
+
+    For the last, `name` is the sine's, and `function` gives both of the angle `expression`.
+    """
 
     kind: str
     name: str
     cosine: str
     expression: str
     comment: str
+    function: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,8 +62,16 @@ _INFIX = {
 
 
 class _Writer:
-    def __init__(self, program: Program, dialect: Dialect, renamed: Mapping[str, str]) -> None:
-        self.program, self.dialect = program, dialect
+    def __init__(
+        self,
+        program: Program,
+        dialect: Dialect,
+        renamed: Mapping[str, str],
+        inputs: Mapping[str, str],
+        bounds: Mapping[str, Range],
+    ) -> None:
+        self.program, self.dialect, self.inputs = program, dialect, inputs
+        self.plain = plain_calls(program, bounds) if dialect.plain else frozenset()
         self.uses = Counter(a for i in program.instructions for a in i.args)
         self.uses.update(program.results)
         self.results = set(program.results)
@@ -77,17 +93,18 @@ class _Writer:
     def write(self) -> list[Statement]:
         for index, instruction in enumerate(self.program.instructions):
             if instruction.op is Op.INPUT:
-                self.texts.append(_Text(instruction.name, _ATOM))
+                text = self.inputs.get(instruction.name, instruction.name)
+                self.texts.append(_Text(text, _ATOM))
             elif instruction.op is Op.CONST:
                 text = self.dialect.literal(instruction.value)
                 self.texts.append(_Text(text, _UNARY if text.startswith("-") else _ATOM))
             elif instruction.op in (Op.SIN, Op.COS) and instruction.args[0] in self.paired:
-                self.texts.append(self._pair(instruction))
+                self.texts.append(self._pair(index, instruction))
             else:
                 self.texts.append(self._place(index, instruction))
         return self.statements
 
-    def _pair(self, instruction: Instruction) -> _Text:
+    def _pair(self, index: int, instruction: Instruction) -> _Text:
         argument = instruction.args[0]
         if argument not in self.done_pairs:
             given, suffix = self.paired[argument], self._suffix(argument)
@@ -96,8 +113,9 @@ class _Writer:
                 given[Op.COS] or self._fresh(f"cos_{suffix}"),
             )
             self.done_pairs[argument] = names
+            call = self.dialect.plain_sincos if index in self.plain else self.dialect.sincos
             self.statements.append(
-                Statement("sincos", names[0], names[1], self.texts[argument].text, "")
+                Statement("sincos", names[0], names[1], self.texts[argument].text, "", call)
             )
         sine, cosine = self.done_pairs[argument]
         return _Text(sine if instruction.op is Op.SIN else cosine, _ATOM)
@@ -115,7 +133,7 @@ class _Writer:
         return name
 
     def _place(self, index: int, instruction: Instruction) -> _Text:
-        text = self._expression(instruction)
+        text = self._expression(index, instruction)
         name = instruction.name
         if not name and self.uses[index] < 2 and instruction.op not in (Op.SIN, Op.COS):
             return text
@@ -131,7 +149,7 @@ class _Writer:
             return self._fresh(f"{instruction.op}_{self._suffix(instruction.args[0])}")
         a, b = (*instruction.args, -1)[:2]
         if self._truth(instruction):
-            return self._fresh(f"is_{self.texts[b].text}")
+            return self._fresh(f"is_{self.program.instructions[b].name}")
         if instruction.op is Op.MUL and a == b and re.fullmatch(r"\w+", self.texts[a].text):
             return self._fresh(f"{self.texts[a].text}_squared")
         return self._fresh(f"t{index}")
@@ -145,7 +163,7 @@ class _Writer:
             return ""
         return self.dialect.truths.get(value.name, "")
 
-    def _expression(self, instruction: Instruction) -> _Text:
+    def _expression(self, index: int, instruction: Instruction) -> _Text:
         truth = self._truth(instruction)
         if truth:
             return _Text(truth, _ATOM)
@@ -157,7 +175,8 @@ class _Writer:
             return _Text(f"{left} {sign} {right}", level)
         if instruction.op is Op.NEG:
             return _Text(f"-{self._wrapped(parts[0], _ATOM)}", _UNARY)
-        pattern = self.dialect.patterns[instruction.op]
+        patterns = self.dialect.plain if index in self.plain else {}
+        pattern = patterns.get(instruction.op, self.dialect.patterns[instruction.op])
         atom = pattern.startswith("(") or re.match(r"[\w.]+\(", pattern) is not None
         slots = [
             p.text if self._inside_call(pattern, k) else self._wrapped(p, _ATOM)
@@ -196,14 +215,19 @@ def flags_as_truths(program: Program) -> Program:
 
 
 def statements_of(
-    program: Program, dialect: Dialect, renamed: Mapping[str, str] | None = None
+    program: Program,
+    dialect: Dialect,
+    renamed: Mapping[str, str] | None = None,
+    inputs: Mapping[str, str] | None = None,
+    bounds: Mapping[str, Range] | None = None,
 ) -> tuple[tuple[Statement, ...], dict[str, str]]:
     """Return the statements of `program`, and for each output the expression that holds it.
 
-    Flags come as truth values.
+    Flags come as truth values. `inputs` says how those inputs are written that are not read into
+    a variable of their own name; `bounds` between what bounds inputs lie.
     """
     program = flags_as_truths(program)
-    writer = _Writer(program, dialect, renamed or {})
+    writer = _Writer(program, dialect, renamed or {}, inputs or {}, bounds or {})
     statements = tuple(writer.write())
     results = {
         signal.name: writer.texts[index].text

@@ -54,6 +54,32 @@ def gather_parameters(program: Program) -> Program:
     return rewritten(program, rewrite)
 
 
+def negate_parameters(program: Program) -> Program:
+    """Replace -(p x), p a parameter, by (-p) x where nothing else needs p x: exact."""
+    fixed, used = fixed_values(program), uses(program)
+
+    def rewrite(tape: Tape, moved: dict[int, int], index: int, instruction: Instruction) -> int:
+        args = tuple(moved[a] for a in instruction.args)
+        if instruction.op is not Op.NEG or fixed[index]:
+            return tape.copy(instruction, args)
+        product = program.instructions[instruction.args[0]]
+        alone = used[instruction.args[0]] == 1 and product.op is Op.MUL
+        ours = [a for a in product.args if fixed[a]] if alone else []
+        if len(ours) != 1:
+            return tape.copy(instruction, args)
+        other = product.args[0] if product.args[1] == ours[0] else product.args[1]
+        minus = tape.emit(Op.NEG, moved[ours[0]])
+        return tape.emit(
+            Op.MUL,
+            moved[other],
+            minus,
+            name=instruction.name,
+            comment=instruction.comment,
+        )
+
+    return rewritten(program, rewrite)
+
+
 def _is_double(instruction: Instruction) -> bool:
     return instruction.op is Op.ADD and instruction.args[0] == instruction.args[1]
 

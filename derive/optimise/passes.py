@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 
 from pfaffian.derive.lowered import PassReport
 from pfaffian.derive.optimise.angle_sums import reuse_angle_sums
+from pfaffian.derive.optimise.comparisons import share_comparisons
 from pfaffian.derive.optimise.divisions import share_divisions
 from pfaffian.derive.optimise.multiply_add import fuse_multiply_adds
-from pfaffian.derive.optimise.parameter_products import gather_parameters
+from pfaffian.derive.optimise.parameter_products import gather_parameters, negate_parameters
 from pfaffian.derive.optimise.prepare import hoist
 from pfaffian.derive.optimise.schedule import call_early
+from pfaffian.derive.optimise.signs import add_negatives, choose_signs
 from pfaffian.derive.optimise.tape import rewritten
 from pfaffian.derive.program import Program
 
@@ -27,9 +29,13 @@ def merge_equal_values(program: Program) -> Program:
 
 PASSES: tuple[tuple[str, Callable[[Program], Program]], ...] = (
     ("equal values", merge_equal_values),
+    ("signs", choose_signs),
+    ("negatives", add_negatives),
+    ("comparisons", share_comparisons),
     ("angle sums", reuse_angle_sums),
     ("shared divisions", share_divisions),
     ("parameters gathered", gather_parameters),
+    ("signs of parameters", negate_parameters),
     ("multiply-add", fuse_multiply_adds),
 )
 

@@ -19,7 +19,10 @@ from pfaffian.derive.block import Block
 
 Array = np.ndarray[Any, Any]
 #: The derivative of a sign is zero wherever it exists; no sample sits on the jump itself.
-_NUMPY = [{"DiracDelta": np.zeros_like}, "numpy"]
+_NUMPY = [
+    {"DiracDelta": np.zeros_like, "side": lambda x: np.where(np.less(x, 0.0), -1.0, 1.0)},
+    "numpy",
+]
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ _FUNCTIONS: dict[str, Any] = {
     "expm1": gmpy2.expm1,
     "sqrt": gmpy2.sqrt,
     "sign": gmpy2.sign,
+    "side": lambda x: -1 if x < 0 else 1,
     "Abs": abs,
     "Max": max,
     "Min": min,
