@@ -113,12 +113,15 @@ def generate(
         Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL.")
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Only compare; 1 on drift.")] = False,
+    bake: Annotated[
+        bool, typer.Option("--bake", help="Fold the one parameter set into the step.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
     from pfaffian.cli.make import generate_files
 
-    generate_files(model, set_name, params, folder, check, json)
+    generate_files(model, set_name, params, folder, check, bake, json)
 
 
 @app.command()

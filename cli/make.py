@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ def generate_files(
     params: Path | None,
     folder: Path | None,
     check: bool,
+    bake: bool,
     as_json: bool,
 ) -> None:
     """Generate a model's files into `folder`, or compare them with what is there."""
@@ -54,7 +56,7 @@ def generate_files(
     clock.record("parameters", since)
     since = time.perf_counter()
     with source.blamed():
-        generation = generate(Emission(model, sets))
+        generation = generate(Emission(model, sets, bake))
     clock.record("emit", since)
     target = folder or Path("generated") / source.name
     if check:
@@ -72,6 +74,7 @@ def generate_files(
                 "sets": [s.name for s in sets],
                 "files": len(generation.files),
                 "changed": changed,
+                "passes": [asdict(p) for p in model.passes],
                 "seconds": {k: round(v, 4) for k, v in clock.seconds.items()},
             }
         )
@@ -82,6 +85,9 @@ def generate_files(
         f"{target}, {len(changed)} changed ({split})",
         soft_wrap=True,
     )
+    counts = [p for p in model.passes if p.program == "step"]
+    saved = ", ".join(f"{p.name} {p.after}" for p in counts)
+    output.out.print(f"operations a step: {counts[0].before}; after {saved}", soft_wrap=True)
 
 
 def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:

@@ -50,11 +50,13 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model),
+        structures=structures_of(model, emission.step, emission.prepare),
         parameters=tuple(Field(p.name, "double", p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
         domain=domain,
-        operations={p.name: sum(p.op_count().values()) for p in model.programs},
+        operations={p.name: sum(p.op_count().values()) for p in model.programs}
+        | {"step": emission.operations()},
+        baked=emission.sets[0].name if emission.bake else "",
         files=digests,
     )

@@ -174,6 +174,18 @@ _EVALUATE: dict[Op, Callable[..., float]] = {
 }
 
 
+#: Operations that IEEE 754 rounds in one way only: the same bits here and on every target.
+EXACT = frozenset(
+    {Op.ADD, Op.SUB, Op.MUL, Op.DIV, Op.FMA, Op.FMS, Op.FNMS, Op.NEG, Op.ABS, Op.MIN, Op.MAX}
+    | {Op.SQRT}
+)
+
+
+def apply(op: Op, *arguments: float) -> float:
+    """Return `op` on `arguments` in double precision; NaN for a division by zero."""
+    return _EVALUATE[op](*arguments)
+
+
 def evaluate(program: Program, values: Mapping[str, float]) -> dict[str, float]:
     """Run `program` in plain Python floats and return its outputs by name.
 

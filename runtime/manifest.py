@@ -10,7 +10,7 @@ from pathlib import Path
 from pfaffian.runtime.errors import InputError
 
 #: Version of the layout of generated structures and functions; `runtime/c` checks it too.
-ABI_VERSION = 1
+ABI_VERSION = 2
 MANIFEST_NAME = "manifest.json"
 #: Roles in the order in which `pf_sizeof` of the harness numbers them.
 ROLES = (
@@ -53,7 +53,10 @@ class Structure:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What one generation consists of; written by the emitter, read by the runtime."""
+    """What one generation consists of; written by the emitter, read by the runtime.
+
+    `baked` names the parameter set that is folded into the step; it is empty where none is.
+    """
 
     abi: int
     model: str
@@ -72,6 +75,7 @@ class Manifest:
     set_titles: Mapping[str, str]
     domain: Mapping[str, float]
     operations: Mapping[str, int]
+    baked: str
     files: Mapping[str, str]
 
     def to_json(self) -> str:

@@ -132,7 +132,7 @@ def body_of(
     direct = {
         s.name: places[s.name]
         for k, s in enumerate(program.inputs)
-        if uses[k] == 1 and s.group in ("parameter", "prepared", "state")
+        if uses[k] == 1 and s.group in ("parameter", "prepared", "state", "baked")
     }
     truths = {name: f"({places[name]} != 0U)" for name in dialect.truths if name in places}
     dialect = replace(dialect, truths=truths)
@@ -197,6 +197,17 @@ def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
     return rows
 
 
+def _fixed(emission: Emission, structure: Structure) -> list[str]:
+    """Return one C condition a parameter whose value is folded into the step."""
+    if not emission.bake:
+        return []
+    values = emission.sets[0].as_dict()
+    return [
+        f"(params->{n} >= {c_literal(values[n])}) && (params->{n} <= {c_literal(values[n])})"
+        for n in structure.names()
+    ]
+
+
 def _domain(model: LoweredModel) -> list[str]:
     """Return one C condition a measurement: inside its domain, false for NaN."""
     return [
@@ -207,11 +218,13 @@ def _domain(model: LoweredModel) -> list[str]:
 def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
-    structures = structures_of(model)
-    controller = _pointers(input="input", state="state", prepared="state", parameter="params")
-    program, checks = with_checks(model.program("step"))
+    structures = structures_of(model, emission.step, emission.prepare)
+    controller = _pointers(
+        input="input", state="state", prepared="state", parameter="params", baked="baked"
+    )
+    program, checks = with_checks(emission.step)
     step = body_of(program, controller, INLINE, _input_bounds(model))
-    prepare = model.program("prepare")
+    prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = _pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
@@ -226,14 +239,21 @@ def emit_c(emission: Emission) -> dict[str, str]:
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
         "sets": _set_contexts(emission, structures["params"]),
-        "parameter_bounds": _bounds(model, structures["params"]),
+        "parameter_bounds": [
+            *_bounds(model, structures["params"]),
+            *_fixed(emission, structures["params"]),
+        ],
+        "baked": [
+            {"name": n, "literal": c_literal(v)}
+            for n, v in (emission.baked.constants if emission.baked else ())
+        ],
         "domain": _domain(model),
         "actuators": [a.name for a in model.actuators],
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": [step.results[name] for name in checks],
-        "next_state": [s.name for s in model.program("step").outputs if s.group == "next_state"],
+        "next_state": [s.name for s in program.outputs if s.group == "next_state"],
         "prepare": body_of(restricted(prepare, "prepared"), controller),
         "start": body_of(restricted(prepare, "state"), controller),
         "continuous": body_of(model.program("continuous"), controller),

@@ -11,12 +11,14 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from typing import Protocol
 
 import jinja2
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.optimise.bake import Baked, bake
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.derive.program import TIME_NAME, Op, Program
 from pfaffian.runtime.cache import cache_folder
@@ -51,9 +53,36 @@ class Emission:
 
     model: LoweredModel
     sets: tuple[ParameterSet, ...]
+    bake: bool = False
+
+    @cached_property
+    def baked(self) -> Baked | None:
+        """Return the step with the one parameter set folded in; nothing where none is."""
+        if not self.bake:
+            return None
+        program = self.model.program
+        return bake(program("step"), program("prepare"), self.sets[0].as_dict())
+
+    @property
+    def step(self) -> Program:
+        """Return the step as it is emitted."""
+        return self.baked.step if self.baked else self.model.program("step")
+
+    @property
+    def prepare(self) -> Program:
+        """Return what is prepared once, as it is emitted."""
+        return self.baked.prepare if self.baked else self.model.program("prepare")
 
     def __post_init__(self) -> None:
-        """Refuse names that no compiler would take, or that would hide one another."""
+        """Refuse names that no compiler would take, or that would hide one another.
+
+        A baked step belongs to one parameter set.
+        """
+        if self.bake and len(self.sets) != 1:
+            raise InputError(
+                f"model {self.model.name}: {len(self.sets)} parameter sets to fold into one step",
+                remedy="name one with --set or --params",
+            )
         _check_name(self.model.name, self.model.name)
         for program in self.model.programs:
             _check_program(self.model.name, program)
@@ -66,7 +95,7 @@ class Emission:
 
     def operations(self) -> int:
         """Return the operations of one control step."""
-        return sum(self.model.program("step").op_count().values())
+        return sum(self.step.op_count().values())
 
     def banner(self) -> tuple[str, ...]:
         """Return the lines that head every generated file; no date, no path."""
@@ -78,6 +107,7 @@ class Emission:
             f"Model {self.model.name}, SHA-256 {self.model.sha256}",
             f"Parameters, SHA-256 {self.parameters_sha256()}",
             f"Operations a control step: {self.operations()}",
+            *([f"Parameter set folded into the step: {self.sets[0].name}"] if self.bake else []),
         )
 
 

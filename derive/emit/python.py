@@ -61,10 +61,16 @@ def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
-    structures = structures_of(model)
-    controller = {"input": "measured", "state": "state", "prepared": "state", "parameter": "params"}
+    structures = structures_of(model, emission.step, emission.prepare)
+    controller = {
+        "input": "measured",
+        "state": "state",
+        "prepared": "state",
+        "parameter": "params",
+        "baked": "_Baked",
+    }
     plant = {"input": "state", "torque": "applied", "parameter": "params"}
-    step = model.program("step")
+    step = emission.step
     checked, checks = with_checks(step)
     context: dict[str, object] = {
         "header": emission.banner(),
@@ -112,7 +118,9 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
         "step": _body(checked, controller),
-        "prepare": _body(model.program("prepare"), controller),
+        "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
+        "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
+        "prepare": _body(emission.prepare, controller),
         "continuous": _body(model.program("continuous"), controller),
         "acceleration": _body(model.program("acceleration"), plant),
         "energy": _body(model.program("energy"), plant),
@@ -123,6 +131,19 @@ def emit_python(emission: Emission) -> dict[str, str]:
         f"{model.name}.py": fill("python/model.py.j2", context),
         "__init__.py": fill("python/package.py.j2", context),
     }
+
+
+def _constants(emission: Emission) -> tuple[tuple[str, float], ...]:
+    return emission.baked.constants if emission.baked else ()
+
+
+def _fixed(emission: Emission) -> list[tuple[str, float]]:
+    """Return the parameters that must have their value, because it is folded into the step."""
+    if not emission.bake:
+        return []
+    values = emission.sets[0].as_dict()
+    names = structures_of(emission.model)["params"].names()
+    return [(name, values[name]) for name in names]
 
 
 def _class_name(role: str) -> str:

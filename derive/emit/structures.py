@@ -29,9 +29,15 @@ def _group(program: Program, *groups: str) -> list[Signal]:
     return [s for s in program.inputs if s.group in groups]
 
 
-def structures_of(model: LoweredModel) -> dict[str, Structure]:
-    """Return the structures of `model` by role, members in the order of declaration."""
-    step, prepare = model.program("step"), model.program("prepare")
+def structures_of(
+    model: LoweredModel, step: Program | None = None, prepare: Program | None = None
+) -> dict[str, Structure]:
+    """Return the structures of `model` by role, members in the order of declaration.
+
+    `step` and `prepare` replace the model's own where a parameter set is folded into them.
+    """
+    whole = (model.program("step"), model.program("prepare"))
+    step, prepare = step or whole[0], prepare or whole[1]
     continuous, acceleration = model.program("continuous"), model.program("acceleration")
     declared = [p.name for p in model.parameters]
 
@@ -52,7 +58,7 @@ def structures_of(model: LoweredModel) -> dict[str, Structure]:
     # The caller supplies the time of a time-varying constraint with each measurement.
     timed = [s for s in (*step.inputs, *continuous.inputs) if s.name == TIME_NAME]
     roles = {
-        "params": parameters(step, prepare, continuous),
+        "params": parameters(*whole, continuous),
         "input": motion + _fields(timed),
         "state": _fields(state),
         "output": _fields(outputs),

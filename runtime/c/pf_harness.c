@@ -9,7 +9,7 @@
 #include <float.h>
 #include <stdint.h>
 
-#if PF_ABI_VERSION != 1
+#if PF_ABI_VERSION != 2
 #error "the generated code has another ABI than this harness: regenerate"
 #endif
 
