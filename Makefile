@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify bench setup clean
+.PHONY: run test lint check verify elementary bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -22,6 +22,10 @@ lint: $(READY)
 # The slow form of the verification, and the benchmarks.
 verify: $(READY)
 	$(BIN)/pfaffian verify pendubot --samples 100000
+
+# The elementary functions at a million points each (minutes), proofs and costs included.
+elementary: $(READY)
+	PFAFFIAN_ELEMENTARY_POINTS=250000 $(BIN)/python -m pytest -n $(JOBS) tests/test_elementary_*.py
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate

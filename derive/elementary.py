@@ -51,7 +51,7 @@ ULP_BOUNDS: dict[str, float] = {
     "sqrt": 0.5,
     "sin": 0.9,
     "cos": 0.9,
-    "atan": 0.9,
+    "atan": 0.96,
     "atan2": 0.95,
     "exp": 0.65,
     "expm1": 0.95,

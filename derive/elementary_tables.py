@@ -141,8 +141,8 @@ def atan_edges(row: int) -> tuple[float, float]:
 
 
 def _atan_row(low: float, high: float, precision: Precision) -> AtanRow:
-    """Return the row whose centre is as far from both edges, measured by the edge."""
-    middle = 2 * low * high / (low + high)
+    """Return the row with its centre a third of the way, as results are least at the low edge."""
+    middle = (2 * low + high) / 3
     unit = max(precision.unit, 2.0 ** (math.frexp(middle)[1] - precision.bits))
     for multiple in _alternate(round(middle / unit)):
         tangent = multiple * unit

@@ -32,7 +32,7 @@ FUNCTIONS = (
 PAIRS = ("sincos", "sincos_inline")
 
 SOURCES = ("pf_elementary.c", "batch.c")
-BASE_FLAGS = ("-std=c99", "-ffp-contract=off")
+BASE_FLAGS = ("-std=c99", "-ffp-contract=off", "-fno-math-errno")
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Werror"),
     *("-Wdouble-promotion", "-Wfloat-equal", "-Wshadow", "-Wstrict-prototypes"),

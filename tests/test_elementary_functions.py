@@ -279,7 +279,7 @@ def assert_same_bits(one: Evaluate, other: Evaluate, x: Array) -> None:
         assert np.array_equal(bits_of(one(name, arguments)), bits_of(other(name, arguments))), name
 
 
-@pytest.mark.parametrize("flag", ["-O0", "-O3"])
+@pytest.mark.parametrize("flag", ["-O0", "-O3", "-fmath-errno", "-DPF_SQRT_BY_SOFTWARE"])
 def test_same_bits_at_any_optimization(sources: Path, host: Evaluate, flag: str) -> None:
     other = host_build(sources, f"gcc{flag}", ("gcc",), flag)
     assert_same_bits(host, other, mixed_arguments(20_000))
