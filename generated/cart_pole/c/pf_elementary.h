@@ -50,11 +50,11 @@ double pf_sin(double x);
 /* Cosine alone: the bits that pf_sincos gives. */
 double pf_cos(double x);
 
-/* Arctangent of any x, in [-pi/2, pi/2]. Error below 0.9 ulp. */
+/* Arctangent of any x, in [-pi/2, pi/2]. Error below 0.96 ulp. */
 double pf_atan(double x);
 
-/* Angle of the point (x, y), in [-pi, pi]. Error below 0.95 ulp, in the last subnormal bit
- * where the result is subnormal. Zeros count as positive, so pf_atan2(0, 0) = 0 and the angle of
+/* Angle of the point (x, y), in [-pi, pi]. Error below 0.95 ulp; at most 1 in the
+ * last bit where the result is subnormal. Zeros count as positive, so pf_atan2(0, 0) = 0 and the angle of
  * (-1, -0) is pi. NaN for two infinities. */
 double pf_atan2(double y, double x);
 

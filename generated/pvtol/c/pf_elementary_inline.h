@@ -195,8 +195,10 @@ PF_INLINE double pf_atan_inline(double x)
 
 /* ---- square root ------------------------------------------------------------------------- */
 
-#if defined(__SSE2__) && !defined(PF_SQRT_BY_SOFTWARE)
-#include <emmintrin.h>
+/* Where the compiler makes __builtin_sqrt one instruction: no call, and no errno. */
+#if defined(__NO_MATH_ERRNO__) && !defined(PF_SQRT_BY_SOFTWARE) && \
+    (defined(__SSE2__) || defined(__aarch64__) || defined(__powerpc64__))
+#define PF_SQRT_BY_PROCESSOR
 #endif
 
 struct pf_sqrt_table {
@@ -264,15 +266,9 @@ PF_INLINE double pf_sqrt_software(double x)
 /* The processor's own square root where there is one: IEEE 754 leaves it no choice of result. */
 PF_INLINE double pf_sqrt_inline(double x)
 {
-#if defined(PF_SQRT_BY_SOFTWARE)
-    return pf_sqrt_software(x);
-#elif defined(__SSE2__)
-    const __m128d wide = _mm_set_sd(x);
-    const double root = _mm_cvtsd_f64(_mm_sqrt_sd(wide, wide));
-    return root >= 0.0 ? root : pf_sqrt_rare(x); /* -0 >= 0; NaN comes with any sign */
-#elif (defined(__aarch64__) || defined(__powerpc64__)) && defined(__NO_MATH_ERRNO__)
+#ifdef PF_SQRT_BY_PROCESSOR
     const double root = __builtin_sqrt(x);
-    return root >= 0.0 ? root : pf_sqrt_rare(x);
+    return root >= 0.0 ? root : pf_sqrt_rare(x); /* -0 >= 0; NaN comes with any sign */
 #else
     return pf_sqrt_software(x);
 #endif
