@@ -277,10 +277,7 @@ PF_INLINE double pf_sqrt_inline(double x)
 /* pf_sqrt for x = 0 and 2^-126 <= x < 2^128, where nothing has to be looked at first. */
 PF_INLINE double pf_sqrt_normal_inline(double x)
 {
-#if defined(__SSE2__) && !defined(PF_SQRT_BY_SOFTWARE)
-    const __m128d wide = _mm_set_sd(x);
-    return _mm_cvtsd_f64(_mm_sqrt_sd(wide, wide));
-#elif (defined(__aarch64__) || defined(__powerpc64__)) && defined(__NO_MATH_ERRNO__) && !defined(PF_SQRT_BY_SOFTWARE)
+#ifdef PF_SQRT_BY_PROCESSOR
     return __builtin_sqrt(x);
 #else
     return pf_sqrt_by_seed(x);
