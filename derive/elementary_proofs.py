@@ -41,7 +41,7 @@ _PIECES = 6
 _LOW_PART, LEAST = 2.0**-10, 2.0**-62
 
 #: Largest `low` where r is not close to zero: half its last place, and the last part of the step.
-_LOW = 2.0**-56
+_LOW = 2.0**-56 * (1 + 2.0**-15)
 _POWERS = (0.5, 0.25, 0.125, 0.0625)
 _LOW_GIVEN = f"|low| <= {_LOW.hex()}"
 
