@@ -46,23 +46,20 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     instead: nothing takes its s to zero. Time-varying entries are frozen at time 0.
     """
     linear = linearise(spec, dynamics, constraint)
-    still = {TIME: 0}
     damping, slopes = _named_slopes(spec, linear.damping)
     named = _Entries()
     plant = (
-        named("mass", linear.mass.subs(still)) * POLE**2
-        + named("damping", damping.subs(still)) * POLE
-        + named("stiffness", linear.stiffness.subs(still))
+        named("mass", linear.mass) * POLE**2
+        + named("damping", damping) * POLE
+        + named("stiffness", linear.stiffness)
     )
-    row = named("rate_row", linear.rate_row.subs(still)) * POLE + named(
-        "position_row", linear.position_row.subs(still)
-    )
+    row = named("rate_row", linear.rate_row) * POLE + named("position_row", linear.position_row)
     row = _with_own_motion(spec, row, named)
     m = len(spec.actuators)
     pencil = sp.Matrix(
         sp.BlockMatrix(
             [
-                [Matrix(plant), -Matrix(named("input", linear.input.subs(still)))],
+                [Matrix(plant), -Matrix(named("input", linear.input))],
                 [Matrix(row), sp.zeros(m, m)],
             ]
         )
@@ -80,8 +77,11 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
         in_slopes, coefficients = in_slopes[1:], coefficients[1:]
     if not coefficients:
         raise InputError(
-            f"model {spec.name}: ADB is identically zero, the actuators do not move s",
-            remedy="choose a servo-constraint that the actuators reach",
+            f"model {spec.name}: ADB and its slopes are zero at the setpoint, at rest: the "
+            f"actuators do not move {', '.join(s.name for s in spec.constraint.residual_symbols)} "
+            "there",
+            remedy="choose a servo-constraint that the actuators reach at the setpoint; one that "
+            "is quadratic in the velocities, such as an energy, needs a linear part",
             about="residual",
         )
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
