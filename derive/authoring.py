@@ -12,7 +12,13 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
-from pfaffian.derive.dimensions import force_unit, unit_product
+from pfaffian.derive.dimensions import check_unit, unit_product
+from pfaffian.derive.law_parameters import (
+    friction_force,
+    friction_parameters,
+    law_parameters,
+    limit_names,
+)
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.residuals import holonomic, second_order
 from pfaffian.derive.spec import (
@@ -89,7 +95,13 @@ class ModelBuilder:
         rate, stands on the left-hand side of (1). With friction of its own a plant does not get
         the standard load, viscous and Coulomb friction on each coordinate.
         """
-        self._own_friction.append((sp.sympify(along), sp.sympify(force)))
+        rate, rates = sp.sympify(along), [c.velocity for c in self._coordinates]
+        if any(rate.diff(v).has(*rates) for v in rates) or rate.subs(dict.fromkeys(rates, 0)) != 0:
+            raise InputError(
+                f"model {self._name}: friction along {rate}, which is not linear in the velocities",
+                remedy="give q' of a joint, or a difference of two; put the law into the force",
+            )
+        self._own_friction.append((rate, sp.sympify(force)))
 
     def gain(
         self, name: str, unit: str, description: str, *, bound: float = _LARGE, latex: str = ""
@@ -112,17 +124,41 @@ class ModelBuilder:
 
     def first_order(self, name: str, unit: str, residual: sp.Expr) -> None:
         """Add the servo-constraint s(q, q', t) = 0, its residual s in `unit`."""
-        self._residuals.append(_Residual(name, unit, sp.sympify(residual)))
+        self._add(_Residual(name, unit, self._expression(name, residual)))
 
     def holonomic(self, name: str, unit: str, phi: sp.Expr, rate: sp.Expr) -> None:
         """Add phi(q, t) = 0, phi in `unit`, approached at `rate` in 1/s: s = phi' + rate phi."""
-        residual = holonomic(sp.sympify(phi), sp.sympify(rate), self._coordinates)
+        self._check_unit(name, unit)
+        value, speed = self._expression(name, phi), self._expression(name, rate)
+        residual = holonomic(value, speed, self._coordinates)
         self.first_order(name, unit_product((unit, 1), ("s", -1)), residual)
 
     def second_order(self, name: str, unit: str, psi: sp.Expr) -> None:
         """Add psi = A(q, q', t) q'' - b(q, q', t) = 0, psi in `unit`, written in accelerations."""
-        residual, drift = second_order(sp.sympify(psi), self._coordinates)
-        made = _Residual(name, unit_product((unit, 1), ("s", 1)), residual, drift)
+        self._check_unit(name, unit)
+        residual, drift = second_order(self._expression(name, psi), self._coordinates)
+        self._add(_Residual(name, unit_product((unit, 1), ("s", 1)), residual, drift))
+
+    def _check_unit(self, name: str, unit: str) -> None:
+        check_unit(unit, f"model {self._name}: the servo-constraint {name}")
+
+    def _expression(self, name: str, value: sp.Expr) -> sp.Expr:
+        found = sp.sympify(value)
+        if not isinstance(found, sp.Expr):
+            raise InputError(
+                f"model {self._name}: the servo-constraint {name} is {value!r}, no SymPy "
+                "expression",
+                remedy="give each constraint by a call of its own, in the symbols declared",
+            )
+        return found
+
+    def _add(self, made: _Residual) -> None:
+        self._check_unit(made.name, made.unit)
+        if made.name in {r.name for r in self._residuals}:
+            raise InputError(
+                f"model {self._name}: two servo-constraints are called {made.name}",
+                remedy="rename one of them",
+            )
         self._residuals.append(made)
 
     def acceleration(self, coordinate: sp.Symbol) -> sp.Symbol:
@@ -162,9 +198,14 @@ class ModelBuilder:
                 remedy="add one for each: first_order, holonomic or second_order",
             )
         own = bool(self._own_friction)
-        friction = () if own else tuple(_friction(c) for c in self._coordinates)
+        friction = () if own else tuple(friction_parameters(c) for c in self._coordinates)
         gains = tuple(self._own_gains) if self._residuals else self._gains()
-        law = self._law(force_bound)
+        law = law_parameters(
+            self._actuators,
+            [r.unit for r in self._residuals] or [self._residual_unit()],
+            force_bound,
+            [r.unit for r in self._residuals if r.drift is None] if self._residuals else None,
+        )
         parameters = (
             *self._parameters,
             *gains,
@@ -185,10 +226,10 @@ class ModelBuilder:
             potential_energy=sp.sympify(potential_energy),
             input_matrix=Matrix(self._columns).T,
             uncertain_force=Matrix(
-                [self._own_force(c) if own else _force(p, c) for c in self._coordinates]
+                [self._own_force(c) if own else friction_force(p, c) for c in self._coordinates]
             ),
             constraint=self._constraint(p, dict(errors or {})),
-            law=standard_law(p, *(getattr(p, name) for name in self._limit_names())),
+            law=standard_law(p, *(getattr(p, name) for name in limit_names(self._actuators))),
             stability=stability,
         )
 
@@ -197,14 +238,7 @@ class ModelBuilder:
         return sp.Add(*(force * along.diff(rate) for along, force in self._own_friction))
 
     def _residual_unit(self) -> str:
-        if self._residuals:
-            return self._residuals[0].unit
         return f"{self._coordinates[-1].unit}/s"
-
-    def _limit_names(self) -> tuple[str, ...]:
-        if len(self._actuators) == 1:
-            return ("torque_limit",)
-        return tuple(f"{a.name}_limit" for a in self._actuators)
 
     def _gains(self) -> tuple[Parameter, ...]:
         last = self._coordinates[-1]
@@ -240,103 +274,6 @@ class ModelBuilder:
             for c in self._coordinates
         )
 
-    def _law(self, force_bound: float) -> tuple[Parameter, ...]:
-        """Return the gains of (15)-(23) and the target's limits, in the units of this plant."""
-        force, residual = self._actuators[0].unit, self._residual_unit()
-        gain = unit_product((residual, 1), ("s", -1), (force, -1))
-        scaled = unit_product((gain, 1), (residual, 1))
-
-        def row(
-            name: str,
-            unit: str,
-            text: str,
-            lower: float = 0.0,
-            group: str = "gain",
-            *,
-            opened: bool = True,
-            upper: float = 1e6,
-            latex: str = "",
-        ) -> Parameter:
-            return Parameter(name, unit, text, group, lower, upper, opened, latex=latex)
-
-        drift = (
-            row("sigma", "1/s", "decay rate of the servo-constraint, (2)", latex="\\varsigma"),
-            row(
-                "eta",
-                unit_product((residual, 1), ("s", -1)),
-                "bound of the arctan term, (2)",
-                opened=False,
-                latex="\\eta",
-            ),
-        )
-        stabilised = not self._residuals or any(r.drift is None for r in self._residuals)
-        return (
-            *(drift if stabilised else ()),
-            row(
-                "kappa", unit_product((force, 1), (scaled, -1)), "gain of p2, (18)", latex="\\kappa"
-            ),
-            row(
-                "epsilon",
-                unit_product((scaled, 1), (force, 1)),
-                "layer of p3, (23)",
-                latex="\\varepsilon",
-            ),
-            row(
-                "k1",
-                unit_product((force, 1), ("s", -1), (scaled, -1)),
-                "adaptation rate, (15)",
-                opened=False,
-                latex="\\kappa_1",
-            ),
-            row("k2", "1/s", "leakage rate, (15)", latex="\\kappa_2"),
-            row(
-                "bound_initial",
-                force,
-                "initial estimate of the uncertainty bound, (15)",
-                opened=False,
-                latex="\\hat\\alpha(t_0)",
-            ),
-            row(
-                "sample_time",
-                "s",
-                "period of the controller",
-                1e-6,
-                "target",
-                opened=False,
-                upper=1.0,
-                latex="T",
-            ),
-            *(
-                row(
-                    name,
-                    actuator.unit,
-                    f"largest {actuator.name} commanded"
-                    if len(self._actuators) > 1
-                    else "largest force or torque commanded",
-                    group="target",
-                    upper=force_bound,
-                    latex="\\tau_{\\max}" if len(self._actuators) == 1 else "",
-                )
-                for name, actuator in zip(self._limit_names(), self._actuators, strict=True)
-            ),
-            row(
-                "singular_threshold",
-                self._determinant_unit(),
-                "least |ADB| the law divides by"
-                if len(self._actuators) == 1
-                else "least |det ADB| the law divides by",
-                1e-9,
-                "target",
-                opened=False,
-                latex="\\underline{a}",
-            ),
-        )
-
-    def _determinant_unit(self) -> str:
-        residuals = [r.unit for r in self._residuals] or [self._residual_unit()]
-        pairs = zip(residuals, self._actuators, strict=False)
-        return unit_product(*(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1))))
-
     def _constraint(self, p: SimpleNamespace, own: dict[str, sp.Expr]) -> ServoConstraint:
         unknown = sorted(set(own) - {c.name for c in self._coordinates})
         if unknown:
@@ -370,30 +307,3 @@ class ModelBuilder:
             for w, c, e in zip(weights, self._coordinates, errors, strict=True)
         )
         return _Residual("s", self._residual_unit(), value)
-
-
-def _friction(coordinate: Coordinate) -> tuple[Parameter, ...]:
-    """Return load, viscous and Coulomb friction of one coordinate; all zero unless given."""
-    force, name = force_unit(coordinate.unit), coordinate.name
-    rows = (
-        ("load", force, "constant load"),
-        ("viscous", unit_product((force, 1), ("s", 1), (coordinate.unit, -1)), "viscous friction"),
-        ("coulomb", force, "Coulomb friction, smoothed by tanh"),
-        ("coulomb_slope", unit_product(("s", 1), (coordinate.unit, -1)), "slope of that tanh"),
-    )
-    return tuple(
-        Parameter(
-            f"{name}_{kind}", unit, f"{text} on {name}", "uncertainty", -1e3, 1e3, default=0.0
-        )
-        for kind, unit, text in rows
-    )
-
-
-def _force(p: SimpleNamespace, coordinate: Coordinate) -> sp.Expr:
-    """Return f(q') of one coordinate, on the left-hand side of (1)."""
-    load, viscous, coulomb, slope = (
-        getattr(p, f"{coordinate.name}_{kind}")
-        for kind in ("load", "viscous", "coulomb", "coulomb_slope")
-    )
-    rate = coordinate.velocity
-    return load + viscous * rate + coulomb * sp.tanh(slope * rate)

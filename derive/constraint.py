@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,13 +45,16 @@ def servo_constraint(spec: ModelSpec) -> Constraint:
             f"model {spec.name}: {len(residual)} servo-constraints ({', '.join(names)}) for "
             f"{len(spec.actuators)} actuators",
             remedy="give one constraint for each actuator, so that ADB is square",
+            about="residual",
         )
     faster = {c.acceleration for c in spec.coordinates} & residual.free_symbols
     if faster:
+        first = min(s.name for s in faster)
+        name = next(n for n, s in zip(names, residual, strict=True) if s.free_symbols & faster)
         raise InputError(
-            f"model {spec.name}: a servo-constraint contains the acceleration "
-            f"{min(s.name for s in faster)}",
+            f"model {spec.name}: the servo-constraint {name} contains the acceleration {first}",
             remedy="give it as a second-order constraint (residuals.second_order)",
+            about=about_constraint(name),
         )
     jacobian = residual.jacobian(dq)
     drift = given.drift.subs(dict(zip(given.residual_symbols, residual, strict=True)))
@@ -66,6 +69,11 @@ def servo_constraint(spec: ModelSpec) -> Constraint:
     )
     _check_rows(spec, constraint)
     return constraint
+
+
+def about_constraint(name: str) -> str:
+    """Return what `InputError.about` says of a constraint: where it is added, else the field."""
+    return f"constraint:{name} residual"
 
 
 def _names(spec: ModelSpec) -> list[str]:
@@ -83,34 +91,59 @@ def _check_rows(spec: ModelSpec, constraint: Constraint) -> None:
     names = _names(spec)
     point = generic_point(constraint.jacobian, constraint.acceleration)
     rows = constraint.jacobian.subs(point).evalf(_DIGITS)
-    right = constraint.acceleration.subs(point).evalf(_DIGITS)
     for r in range(rows.rows):
         if all(abs(x) <= _NOTHING for x in rows[r, :]):
+            moves = constraint.residual[r].has(*spec.positions)
             raise InputError(
                 f"model {spec.name}: the servo-constraint {names[r]} does not depend on the "
                 f"velocities: its row of A is zero",
                 remedy="a constraint on positions is holonomic: give it as such, and it is "
-                "differentiated",
-                about="residual",
+                "differentiated"
+                if moves
+                else "write it in the coordinates and their velocities",
+                about=about_constraint(names[r]),
             )
         weights = _combination(rows[:r, :], rows[r, :])
         if weights is None:
             continue
-        left = right[r] - sum(w * right[k] for k, w in enumerate(weights))
-        others = " and ".join(names[k] for k, w in enumerate(weights) if abs(w) > _NOTHING)
-        scale = max(abs(right[r]), sp.Float(1))
-        same = abs(left) <= scale * _NOTHING
+        used = [k for k, w in enumerate(weights) if abs(w) > _NOTHING]
+        others = " and ".join(names[k] for k in used)
         raise InputError(
             f"model {spec.name}: the servo-constraint {names[r]} "
             + (
                 f"is redundant: it follows from {others}"
-                if same
+                if _follows(spec, constraint, point, weights, r)
                 else f"is inconsistent with {others}: it wants other accelerations of the same "
                 f"combination of coordinates"
             ),
             remedy="leave it out, and give one that says something new",
-            about="residual",
+            about=about_constraint(names[r]),
         )
+
+
+def _follows(
+    spec: ModelSpec,
+    constraint: Constraint,
+    point: Mapping[sp.Symbol, sp.Rational],
+    weights: Sequence[sp.Expr],
+    row: int,
+) -> bool:
+    """Return whether the rows before it meet constraint `row`, whose A they span by `weights`.
+
+    Where they stabilise s themselves, constraints of first order are met with their s: b may still
+    differ, as the arctan of (2) is not linear. One of second order is met with its b.
+    """
+    own = {*spec.positions, *spec.velocities}
+    used = [row, *(k for k, w in enumerate(weights) if abs(w) > _NOTHING)]
+    first = not any(spec.constraint.drift[k].free_symbols & own for k in used)
+    for values in (
+        (constraint.residual, constraint.acceleration) if first else (constraint.acceleration,)
+    ):
+        right = values.subs(point).evalf(_DIGITS)
+        left = right[row] - sum(w * right[k] for k, w in enumerate(weights))
+        if abs(left) <= max(abs(right[row]), sp.Float(1)) * _NOTHING:
+            return True
+    return False
 
 
 def _combination(earlier: sp.Matrix, row: sp.Matrix) -> list[sp.Expr] | None:
@@ -134,16 +167,16 @@ def check_input_gain(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint
     for r, name in enumerate(names):
         if all(abs(x) <= _NOTHING for x in gain[r, :]):
             raise InputError(
-                f"model {spec.name}: ADB is identically zero, the actuators do not move s"
-                + (f": no actuator moves {name}" if len(names) > 1 else ""),
+                f"model {spec.name}: ADB is identically zero, the actuators do not move "
+                + (name if len(names) == 1 else f"s: no actuator moves {name}"),
                 remedy="choose a servo-constraint that the actuators reach; differentiate it once "
                 "more if they act on its rate",
-                about="residual",
+                about=about_constraint(name),
             )
     if abs(gain.det()) <= _NOTHING:
         raise InputError(
             f"model {spec.name}: ADB is singular everywhere: the actuators move "
             f"{', '.join(names)} only together",
             remedy="choose servo-constraints that the actuators move apart",
-            about="residual",
+            about=about_constraint(names[-1]),
         )

@@ -42,6 +42,18 @@ def unit_product(*factors: tuple[str, int]) -> str:
     return f"{'*'.join(above) or '1'}/{denominator}"
 
 
+def check_unit(unit: str, where: str, about: str = "") -> None:
+    """Raise `InputError` naming `where` unless `unit` is one."""
+    try:
+        unit_registry().parse_units(unit)
+    except Exception as error:  # pint's own family has no common base for bad unit texts
+        raise InputError(
+            f"{where} has the unit {unit!r}: {error}",
+            remedy='give a unit such as "kg*m^2", or "" for none',
+            about=about,
+        ) from error
+
+
 def _power(name: str, exponent: int) -> str:
     return name if exponent == 1 else f"{name}^{exponent}"
 
@@ -79,6 +91,8 @@ def dimension_of(expression: sp.Basic, units: Mapping[str, str], where: str) -> 
         for part in parts:
             total = total * part
         return total
+    if isinstance(expression, sp.Abs):
+        return parts[0]
     if expression.is_Pow:
         return parts[0] ** float(expression.exp)
     if any(part != one for part in parts):

@@ -113,12 +113,16 @@ class ModelFolder:
 
 def _check_shapes(spec: ModelSpec, path: Path) -> None:
     """Raise `InputError` unless the shapes in `spec` fit its coordinates and actuators."""
+    from pfaffian.derive.constraint import about_constraint
+
     n, m, constraint = len(spec.coordinates), len(spec.actuators), spec.constraint
     names = [s.name for s in constraint.residual_symbols]
     if len(names) != m:
         raise InputError(
-            f"{path}: {len(names)} servo-constraints ({', '.join(names)}) for {m} actuators",
+            f"model {spec.name}: {len(names)} servo-constraints ({', '.join(names)}) for {m} "
+            "actuators",
             remedy="give one constraint for each actuator, so that ADB is square",
+            about=about_constraint(names[m]) if len(names) > m else spec.actuators[-1].name,
         )
     wanted = {
         "input_matrix": (spec.input_matrix, (n, m)),
@@ -126,6 +130,8 @@ def _check_shapes(spec: ModelSpec, path: Path) -> None:
         "constraint.residual": (constraint.residual, (m, 1)),
         "constraint.drift": (constraint.drift, (m, 1)),
         "constraint.residual_symbols": (constraint.residual_symbols, (m,)),
+        "constraint.residual_units": (constraint.residual_units, (m,)),
+        "constraint.errors": (constraint.errors, (n, 1)),
         "constraint.setpoint": (constraint.setpoint, (n,)),
     }
     for name, (value, shape) in wanted.items():

@@ -1,7 +1,7 @@
 """Solving with the mass matrix, written out as named definitions.
 
-A matrix of two rows is best served by the adjugate, which needs one division; a larger one by an
-L D L^T factorisation: it is shorter, and its values are the ones that have to be rounded.
+A matrix of two rows is best served by the adjugate, which needs one division; a larger one by a
+factorisation M = L^T D L: it is shorter, and its values are the ones that have to be rounded.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SMALL = 2
 
 @dataclass(frozen=True)
 class Factors:
-    """M = L D L^T: `lower` (n, n) unit lower triangular, `inverse_pivots` 1/d (n,)."""
+    """M = L^T D L: `lower` (n, n) unit lower triangular, `inverse_pivots` 1/d (n,)."""
 
     lower: sp.Matrix
     inverse_pivots: tuple[sp.Symbol, ...]
@@ -37,7 +37,7 @@ def define_factors(builder: BlockBuilder, mass: sp.Matrix) -> Factors:
     n = mass.rows
     lower = sp.eye(n).as_mutable()
     inverse: list[sp.Symbol | None] = [None] * n
-    scaled = sp.zeros(n, n)  # d_j l_ij, needed twice
+    scaled = sp.zeros(n, n)  # d_j l_ji, needed twice
     for j in reversed(range(n)):
         pivot = mass[j, j] - sum(scaled[k, j] * lower[k, j] for k in range(j + 1, n))
         name = builder.define(f"pivot{j + 1}", pivot, "pivot of the mass matrix")
@@ -46,7 +46,7 @@ def define_factors(builder: BlockBuilder, mass: sp.Matrix) -> Factors:
             entry = mass[i, j] - sum(scaled[k, i] * lower[k, j] for k in range(j + 1, n))
             if entry == 0:
                 continue
-            scaled[j, i] = builder.define(f"r{j + 1}{i + 1}", entry, "row of D L^T")
+            scaled[j, i] = builder.define(f"r{j + 1}{i + 1}", entry, "row of D L")
             lower[j, i] = builder.define(f"l{j + 1}{i + 1}", scaled[j, i] * inverse[j], "row of L")
     return Factors(sp.ImmutableDenseMatrix(lower), tuple(s for s in inverse if s is not None))
 

@@ -14,7 +14,7 @@ from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.control_terms import take_parameters
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.spec import Matrix, ModelSpec, symbol_of
+from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Linearisation:
 
 
 def linearise(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> Linearisation:
-    """Linearise (1) and the residual (3) of `spec` at its setpoint."""
+    """Linearise (1) and the residual (3) of `spec` at its setpoint, frozen at time 0."""
     q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
     at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
-    at_rest |= dict.fromkeys(spec.velocities, sp.S.Zero)
+    at_rest |= dict.fromkeys([*spec.velocities, TIME], sp.S.Zero)
     b = sp.Matrix(dynamics.input_matrix)
     held = ((b.T * b).inv() * b.T * dynamics.gravity).subs(at_rest)
     return Linearisation(

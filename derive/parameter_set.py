@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameters import POLES_KEY, RawSet
-from pfaffian.derive.program import evaluate
+from pfaffian.derive.program import TIME_NAME, evaluate
 from pfaffian.derive.routh import (
     hurwitz_margins,
     is_stable_column,
@@ -226,7 +226,8 @@ def _check_equilibrium(model: LoweredModel, raw: RawSet, values: Mapping[str, fl
 
 def _check_setpoint_gain(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
     setpoint = evaluate(model.program("setpoint"), values)
-    adb = evaluate(model.program("input_gain"), {**_at_rest(model), **values, **setpoint})["adb"]
+    at_rest = {**_at_rest(model), **values, **setpoint}
+    adb = evaluate(model.program("input_gain"), at_rest)["adb"]
     least = values["singular_threshold"]
     if not abs(adb) >= least:
         raise InputError(
@@ -241,12 +242,13 @@ def _check_rest(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -
     if not model.has_program("rest_constraint"):
         return
     program = model.program("rest_constraint")
-    setpoints = [p.name for p in model.parameters_of("rest_constraint") if p.group == "gain"]
-    moved = [{n: values[n] + shift for n in setpoints} for shift in (0.0, 1.0, 2.0)]
-    scale = max(
-        [1.0, *(abs(v) for at in moved for v in evaluate(program, {**values, **at}).values())]
-    )
+    # What counts as zero: small against the same with any one parameter moved or doubled.
+    names = [s.name for s in program.inputs]
+    moved = [{n: change(values[n])} for n in names for change in (_next, _doubled)]
+    elsewhere = [evaluate(program, {**values, **at}) for at in moved]
     for signal, value in zip(program.outputs, evaluate(program, values).values(), strict=True):
+        sizes = [abs(e[signal.name]) for e in elsewhere]
+        scale = max([s for s in sizes if math.isfinite(s)], default=0.0)
         if not abs(value) <= 1e-9 * scale:
             raise InputError(
                 f"{raw.path}: the servo-constraint does not rest at the setpoint: "
@@ -255,8 +257,16 @@ def _check_rest(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -
             )
 
 
+def _next(value: float) -> float:
+    return value + 1.0
+
+
+def _doubled(value: float) -> float:
+    return 2.0 * value
+
+
 def _at_rest(model: LoweredModel) -> dict[str, float]:
-    return {f"d{c.name}": 0.0 for c in model.coordinates}
+    return {f"d{c.name}": 0.0 for c in model.coordinates} | {TIME_NAME: 0.0}
 
 
 def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:

@@ -13,6 +13,9 @@ import sympy as sp
 from pfaffian.derive.spec import TIME, Coordinate
 from pfaffian.runtime.errors import InputError
 
+#: What an integral that the generated code could not compute, or that diverges, contains.
+_NO_CLOSED_FORM = (sp.Integral, sp.Piecewise, sp.erf, sp.erfi, sp.I, sp.oo, sp.zoo, sp.nan)
+
 
 def time_derivative(value: sp.Expr, coordinates: Sequence[Coordinate]) -> sp.Expr:
     """Return d/dt of `value`(q, t): (d value/dq) q' + d value/dt."""
@@ -23,14 +26,19 @@ def time_derivative(value: sp.Expr, coordinates: Sequence[Coordinate]) -> sp.Exp
 def holonomic(phi: sp.Expr, rate: sp.Expr, coordinates: Sequence[Coordinate]) -> sp.Expr:
     """Return s = phi' + `rate` phi, so that s = 0 takes phi(q, t) to zero at `rate` in 1/s.
 
-    Raises `InputError` where phi depends on velocities: then it is no holonomic constraint.
+    Raises `InputError` where phi depends on velocities or accelerations: then it is no holonomic
+    constraint.
     """
-    moving = [c.velocity.name for c in coordinates if c.velocity in phi.free_symbols]
-    if moving:
-        raise InputError(
-            f"a holonomic constraint depends on the velocity {moving[0]}",
-            remedy="give it as a first-order constraint, s(q, q', t) = 0",
-        )
+    for c in coordinates:
+        for symbol, what, order in (
+            (c.velocity, "velocity", "first-order constraint, s(q, q', t) = 0"),
+            (c.acceleration, "acceleration", "second-order constraint, A q'' - b = 0"),
+        ):
+            if symbol in phi.free_symbols:
+                raise InputError(
+                    f"a holonomic constraint depends on the {what} {symbol.name}",
+                    remedy=f"give it as a {order}",
+                )
     return time_derivative(phi, coordinates) + rate * phi
 
 
@@ -69,12 +77,33 @@ def _integrated(row: Sequence[sp.Expr], rates: Sequence[sp.Symbol]) -> sp.Expr:
     if not any(entry.has(*rates) for entry in row):
         return sp.Add(*(a * v for a, v in zip(row, rates, strict=True)))
     share = sp.Dummy("share", positive=True)
-    scaled = {v: share * v for v in rates}
-    path = sp.Add(*(a.subs(scaled, simultaneous=True) * v for a, v in zip(row, rates, strict=True)))
-    found = sp.integrate(sp.expand(path), (share, 0, 1))
-    if found.has(sp.Integral):
+    # Rates that are not zero spare SymPy a case for zero, where s is continued.
+    moving = {v: sp.Dummy(v.name, real=True, nonzero=True) for v in rates}
+    scaled = {v: share * moving[v] for v in rates}
+    path = sp.Add(
+        *(a.subs(scaled, simultaneous=True) * moving[v] for a, v in zip(row, rates, strict=True))
+    )
+    found = sp.expand(sp.integrate(sp.expand(path), (share, 0, 1)))
+    found = found.xreplace({held: v for v, held in moving.items()})
+    if found.has(*_NO_CLOSED_FORM) or not _has_gradient(found, row, rates):
         raise InputError(
-            "the coefficients of a second-order constraint cannot be integrated in closed form",
+            "the coefficients of a second-order constraint cannot be integrated over the "
+            "velocities in closed form, from rest",
             remedy="give the first-order constraint s(q, q', t) itself",
         )
-    return sp.expand(found)
+    return found
+
+
+def _has_gradient(found: sp.Expr, row: Sequence[sp.Expr], rates: Sequence[sp.Symbol]) -> bool:
+    """Return whether ds/dq' is `row` at a point with nothing special about it.
+
+    An integral from rest need not exist, and what SymPy finds for one is worth a second look.
+    """
+    symbols = sorted(
+        found.free_symbols.union(*(a.free_symbols for a in row)), key=lambda s: str(s.name)
+    )
+    point = {s: sp.Rational(sp.prime(k + 5), sp.prime(k + 6)) for k, s in enumerate(symbols)}
+    return all(
+        abs((found.diff(v) - a).subs(point).evalf(30)) < sp.Float("1e-20")
+        for a, v in zip(row, rates, strict=True)
+    )

@@ -10,9 +10,11 @@ import ast
 from collections import Counter
 
 import sympy as sp
+from pfaffian.derive.constraint import about_constraint
+from pfaffian.derive.constraint_check import check_constraints
+from pfaffian.derive.dimensions import check_unit
 from pfaffian.derive.spec import ModelSpec
 from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.quantity import unit_registry
 
 #: What `line_about` may find: a field given by keyword, or a symbol by the string that names it.
 _ENERGIES = (("kinetic energy", "kinetic_energy"), ("potential energy", "potential_energy"))
@@ -32,6 +34,7 @@ def check_spec(spec: ModelSpec) -> None:
                 remedy="choose a servo-constraint that the actuators reach; say what they act on",
                 about=actuator.name,
             )
+    check_constraints(spec)
 
 
 def _check_energies(spec: ModelSpec) -> None:
@@ -73,14 +76,12 @@ def _check_names(spec: ModelSpec) -> None:
 def _check_units(spec: ModelSpec) -> None:
     units = {c.name: c.unit for c in spec.coordinates} | {a.name: a.unit for a in spec.actuators}
     for name, unit in (units | {p.name: p.unit for p in spec.parameters}).items():
-        try:
-            unit_registry().parse_units(unit)
-        except Exception as error:  # pint's own family has no common base for bad unit texts
-            raise InputError(
-                f"model {spec.name}: {name} has the unit {unit!r}: {error}",
-                remedy='give a unit such as "kg*m^2", or "" for none',
-                about=name,
-            ) from error
+        check_unit(unit, f"model {spec.name}: {name}", name)
+    for symbol, unit in zip(
+        spec.constraint.residual_symbols, spec.constraint.residual_units, strict=True
+    ):
+        what = f"model {spec.name}: the servo-constraint {symbol.name}"
+        check_unit(unit, what, about_constraint(symbol.name))
 
 
 def _check_coordinates(spec: ModelSpec) -> None:
@@ -120,11 +121,18 @@ def check_mass_matrix(spec: ModelSpec, mass: sp.Matrix) -> None:
 
 
 def line_about(text: str, about: str) -> int | None:
-    """Return the line of `text` that gives the field, or names the symbol, `about`."""
+    """Return the line of `text` that gives the field, or names the symbol, `about`.
+
+    `constraint:NAME` is the line where a builder adds the servo-constraint of that name.
+    """
     try:
         nodes = list(ast.walk(ast.parse(text)))
     except SyntaxError:
         return None
+    if about.startswith("constraint:"):
+        name = about.removeprefix("constraint:")
+        calls = [n for n in nodes if isinstance(n, ast.Call) and _adds_constraint(n, name)]
+        return min((n.lineno for n in calls), default=None)
     fields = [n.value.lineno for n in nodes if isinstance(n, ast.keyword) and n.arg == about]
     firsts = [n.args[0] for n in nodes if isinstance(n, ast.Call) and n.args]
     names = [
@@ -135,3 +143,12 @@ def line_about(text: str, about: str) -> int | None:
         and about in a.value.replace(",", " ").split()
     ]
     return min(fields or names, default=None)
+
+
+def _adds_constraint(node: ast.Call, name: str) -> bool:
+    """Return whether `node` calls the builder's method for a constraint with this name."""
+    method = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+    given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "name")]
+    return method in ("first_order", "holonomic", "second_order") and any(
+        isinstance(g, ast.Constant) and g.value == name for g in given
+    )

@@ -10,7 +10,7 @@ from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.linearisation import linearise
-from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
+from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 from pfaffian.runtime.errors import InputError
 from sympy.polys.matrices import DomainMatrix
 
@@ -46,30 +46,31 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     instead: nothing takes its s to zero. Time-varying entries are frozen at time 0.
     """
     linear = linearise(spec, dynamics, constraint)
-    still = {TIME: 0}
-    damping, slopes = _named_slopes(spec, linear.damping)
+    free, scale = _free_rows(linear.input)
+    damping, slopes = _named_slopes(spec, free * linear.damping)
     named = _Entries()
-    plant = (
-        named("mass", linear.mass.subs(still)) * POLE**2
-        + named("damping", damping.subs(still)) * POLE
-        + named("stiffness", linear.stiffness.subs(still))
-    )
-    row = named("rate_row", linear.rate_row.subs(still)) * POLE + named(
-        "position_row", linear.position_row.subs(still)
-    )
+    row = named("rate_row", linear.rate_row) * POLE + named("position_row", linear.position_row)
     row = _with_own_motion(spec, row, named)
-    m = len(spec.actuators)
-    pencil = sp.Matrix(
-        sp.BlockMatrix(
-            [
-                [Matrix(plant), -Matrix(named("input", linear.input.subs(still)))],
-                [Matrix(row), sp.zeros(m, m)],
-            ]
-        )
+    plant = sum(
+        (
+            named(base, part) * POLE**power
+            for base, part, power in (
+                ("mass", free * linear.mass, 2),
+                ("damping", damping, 1),
+                ("stiffness", free * linear.stiffness, 0),
+            )
+        ),
+        sp.zeros(free.rows, free.cols),
     )
+    pencil = plant.col_join(row)
+    eliminated = not free.is_square
+    if not eliminated:  # the torques are unknowns too
+        m = len(spec.actuators)
+        pencil = pencil.row_join((-named("input", linear.input)).col_join(sp.zeros(m, m)))
     matrix = DomainMatrix.from_Matrix(pencil)
-    in_slopes = sp.Poly(matrix.domain.to_sympy(matrix.det()), POLE).all_coeffs()
-    if len(spec.coordinates) <= SMALL or len(named.values) < _FEW_ENTRIES:
+    determinant = matrix.domain.to_sympy(matrix.det()) / scale
+    in_slopes = sp.Poly(determinant, POLE).all_coeffs()
+    if not eliminated and (len(row.row(0)) <= SMALL or len(named.values) < _FEW_ENTRIES):
         in_slopes = [sp.expand(c.subs(named.values)) for c in in_slopes]
         named.values.clear()
     coefficients = [
@@ -80,14 +81,33 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
         in_slopes, coefficients = in_slopes[1:], coefficients[1:]
     if not coefficients:
         raise InputError(
-            f"model {spec.name}: ADB is identically zero, the actuators do not move s",
-            remedy="choose a servo-constraint that the actuators reach",
+            f"model {spec.name}: ADB and its slopes are zero at the setpoint, at rest: the "
+            f"actuators do not move {', '.join(s.name for s in spec.constraint.residual_symbols)} "
+            "there",
+            remedy="choose a servo-constraint that the actuators reach at the setpoint; one that "
+            "is quadratic in the velocities, such as an energy, needs a linear part",
             about="residual",
         )
     wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
     gains = () if named.values else _synthesise(spec, tuple(coefficients), wanted)
     entries = tuple(named.values.items())
     return ZeroDynamics(tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes)
+
+
+def _free_rows(inputs: sp.Matrix) -> tuple[sp.Matrix, sp.Rational]:
+    """Return N (n - m, n) with N B = 0 and what the determinant is to be scaled by.
+
+    With them the torques are eliminated before the determinant is expanded: with T = (N, L) and
+    L B = 1, det T times the pencil's determinant is that of the rows N (M p^2 + D p + K) over those
+    of s. A large plant has thousands of terms less. It takes a matrix B of numbers; for others, and
+    for small plants, N is the identity and nothing is eliminated.
+    """
+    n = inputs.rows
+    if n <= SMALL or not all(x.is_Rational for x in inputs):
+        return sp.eye(n), sp.S.One
+    free = sp.Matrix.vstack(*(v.T for v in inputs.T.nullspace()), sp.zeros(0, n))
+    held = (inputs.T * inputs).inv() * inputs.T
+    return free, free.col_join(held).det()
 
 
 class _Entries:
@@ -141,18 +161,22 @@ def _named_slopes(
 ) -> tuple[sp.Matrix, tuple[tuple[sp.Symbol, sp.Expr], ...]]:
     """Name the entries of dF/dq' that friction makes up, as their sums of products hide the rest.
 
-    The slope of the force on q under its own rate is `damping_q`, under that of r `damping_q_r`.
+    The slope of the force on q under its own rate is `damping_q`, under that of r `damping_q_r`;
+    that of a combination of rows which no actuator reaches is `damping_free1_r`.
     """
+    own = [c.name for c in spec.coordinates]
+    rows = own if damping.is_square else [f"free{k + 1}" for k in range(damping.rows)]
     rubbing = {symbol_of(p) for p in spec.parameters_in("uncertainty")}
     names = {p.name for p in spec.parameters}
     slopes: dict[sp.Symbol, sp.Expr] = {}
     shown = damping.as_mutable()
-    for i, row in enumerate(spec.coordinates):
-        for j, column in enumerate(spec.coordinates):
-            entry = damping[i, j]
+    for i, row in enumerate(rows):
+        for j, column in enumerate(own):
+            entry = sp.expand(damping[i, j]) if rows is not own else damping[i, j]
             if entry.is_Symbol or not entry.free_symbols & rubbing:
+                shown[i, j] = entry
                 continue
-            name = f"damping_{row.name}" + ("" if i == j else f"_{column.name}")
+            name = f"damping_{row}" + ("" if row == column else f"_{column}")
             while name in names:
                 name += "_"
             shown[i, j] = sp.Symbol(name, real=True)

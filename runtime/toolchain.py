@@ -160,6 +160,7 @@ def compile_image(
     key = digest(
         version,  # and the words: `gcc -m32` calls itself what `gcc` does
         repr((target.name, target.command, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
+        b"absolute paths",  # images of relative ones may hold another folder's headers
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
     return cached(f"image-{target.name}", key, lambda: _compile(target, sources, include, extra))
@@ -174,8 +175,9 @@ def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequ
             *COMMON_FLAGS,
             *target.flags,
             *extra,
-            f"-I{include}",
-            *map(str, sources),
+            # Absolute: zig's own cache takes the same words for the same headers in any folder.
+            f"-I{include.resolve()}",
+            *(str(s.resolve()) for s in sources),
             "-o",
             str(image),
             *libraries,

@@ -76,7 +76,7 @@ BROKEN = {
     "an actuator without a constraint": (
         'actuators=(Actuator("tau", "N*m", "motor torque on link 1"),),',
         'actuators=(Actuator("tau", "N*m", ""), Actuator("tau2", "N*m", "")),',
-        "own/spec.py: 1 servo-constraints (s) for 2 actuators",
+        "own/spec.py:{line}: model pendubot: 1 servo-constraints (s) for 2 actuators",
         "give one constraint for each actuator",
     ),
     "a force on three joints": (
@@ -88,20 +88,21 @@ BROKEN = {
     "a symbol too many": (
         "residual_symbols=(s,),",
         "residual_symbols=(s, s),",
-        "own/spec.py: 2 servo-constraints (s, s) for 1 actuators",
+        "own/spec.py:{residual}: model pendubot: 2 servo-constraints (s, s) for 1 actuators",
         "give one constraint for each actuator",
     ),
     "a constraint that contains an acceleration": (
         "(dq2 + p.lam2 * e2)",
         "(dq2 + coordinates[0].acceleration + p.lam2 * e2)",
-        "own/spec.py:{line}: a servo-constraint contains the acceleration ddq1",
+        "own/spec.py:{line}: model pendubot: the servo-constraint s contains the acceleration ddq1",
         "give it as a second-order constraint",
     ),
     "a constraint on positions alone": (
-        "(dq2 + p.lam2 * e2)",
-        "(p.lam2 * e2)",
-        "XX",
-        "",
+        "p.lam * (dq1 + p.lam1 * e1) + (dq2 + p.lam2 * e2)",
+        "p.lam * p.lam1 * e1 + p.lam2 * e2",
+        "own/spec.py:{line}: model pendubot: the servo-constraint s does not depend on the "
+        "velocities: its row of A is zero",
+        "a constraint on positions is holonomic: give it as such",
     ),
     "a constraint out of reach": (
         "Matrix([1, 0])",
@@ -157,8 +158,9 @@ BROKEN = {
 @pytest.mark.parametrize("what", BROKEN)
 def test_a_broken_model_is_refused_where_it_is_broken(what, own, refused):
     right, wrong, *says = BROKEN[what]
-    line = own(right, wrong)
-    refused("derive", "own", says=tuple(s.format(line=line) for s in says))
+    line, lines = own(right, wrong), SPEC.read_text(encoding="utf-8").splitlines()
+    residual = next(k for k, text in enumerate(lines, 1) if "residual=" in text)
+    refused("derive", "own", says=tuple(s.format(line=line, residual=residual) for s in says))
 
 
 def test_a_mended_model_works_at_once_and_leaves_no_bytecode(own, run, workspace):

@@ -12,7 +12,9 @@ DOC = (REPOSITORY / "docs" / "own-plant.md").read_text(encoding="utf-8")
 FILES = dict(
     re.findall(r"`([\w/]+\.(?:py|toml))`\n\n```(?:python|toml)\n(.*?)```", DOC, flags=re.DOTALL)
 )
-COMMANDS = re.findall(r"```sh\n(.*?)```", DOC, flags=re.DOTALL)[0].splitlines()
+COMMANDS, OTHERS = (
+    block.splitlines() for block in re.findall(r"```sh\n(.*?)```", DOC, flags=re.DOTALL)
+)
 #: What the document prints after each command that it names in brackets.
 PRINTED = {
     " ".join(command.split()): text
@@ -33,7 +35,7 @@ BAD = {
 
 @pytest.fixture
 def plant(workspace):
-    """Write the document's three files into an empty folder and go there."""
+    """Write the document's files into an empty folder and go there."""
     for name, text in FILES.items():
         path = workspace / name
         path.parent.mkdir(exist_ok=True)
@@ -52,7 +54,9 @@ def _flat(text: str) -> str:
 
 
 def test_the_document_has_what_the_test_looks_for():
-    assert set(FILES) == {"ballbeam/spec.py", "ballbeam/bench.toml", "mine.toml"}
+    ballbeam, carts = (f"{folder}/spec.py" for folder in ("ballbeam", "twocarts"))
+    assert set(FILES) == {ballbeam, "ballbeam/bench.toml", "mine.toml", carts, "twocarts/lab.toml"}
+    assert [c.split()[1] for c in OTHERS] == ["generate", "verify"]
     assert [c.split()[1] for c in COMMANDS] == ["derive", "generate", "verify", "simulate"]
     assert len(FILES["ballbeam/spec.py"].splitlines()) <= 32
     assert len(PRINTED) == 3
@@ -76,6 +80,27 @@ def test_the_commands_of_the_document_work_and_print_what_it_says(plant, run):
     assert set(flown["status"]) == {"OK"}
     assert flown["mae2_r"] < 1e-3
     assert flown["mae2_theta"] < 1e-4
+
+
+@pytest.mark.target
+def test_the_carts_with_constraints_of_other_orders_are_generated_and_verified(plant, run):
+    for line in OTHERS:
+        done = run(*_command(line))
+        assert done.code == 0, done.err
+    assert run(*_command(OTHERS[1]), "--json").document()["passed"]
+    assert "double time;" in (plant / "carts" / "c" / "twocarts.h").read_text(encoding="utf-8")
+
+
+def test_carts_that_cannot_rest_at_their_setpoint_are_refused(plant, refused):
+    path = plant / "twocarts" / "lab.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('yd = "50 cm"', 'yd = "40 cm"'), encoding="utf-8")
+    says = (
+        "twocarts/lab.toml: the servo-constraint does not rest at the setpoint: the right-hand",
+        "side of s2's A q'' = b is 1.6 m/s^2 there",
+        "mend the setpoint, or the constraint",
+    )
+    refused("generate", "./twocarts", "-o", "carts", says=says)
 
 
 @pytest.mark.parametrize("what", BAD)

@@ -104,7 +104,7 @@ def verify(
         rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
-            drawn = draw(model, block.inputs, sets, count, rng)
+            drawn = draw(model, block.inputs, sets, count, rng, block)
             values = drawn.values
             for_target = max(0, min(count, target_samples - start)) if target else 0
             computed = _computed(function, values, subjects, target, for_target)

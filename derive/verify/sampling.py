@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import sympy as sp
+from pfaffian.derive.block import Block
+from pfaffian.derive.elementary import SINCOS_MAX
 from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import Signal, evaluate
@@ -30,15 +33,18 @@ def draw(
     sets: Sequence[Mapping[str, float]],
     count: int,
     rng: np.random.Generator,
+    block: Block | None = None,
 ) -> Samples:
-    """Return `count` samples of each input.
+    """Return `count` samples of each of `inputs`, those of `block`.
 
-    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there.
+    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there and
+    `block` takes no sine of an angle beyond `SINCOS_MAX`, as of a fast reference after a long time.
     """
+    angles = _angles(block) if block else []
     near = rng.random(count) < 0.5
     values = _mixed(model, inputs, sets, near, rng)
     for _ in range(200):
-        bad = np.flatnonzero(~_is_physical(model, values))
+        bad = np.flatnonzero(~(_is_physical(model, values) & _is_in_range(angles, values)))
         if not len(bad):
             return Samples(values, near)
         again = _mixed(model, inputs, sets, near[bad], rng)
@@ -117,6 +123,31 @@ def _near(
         else:
             values[signal.name] = np.abs(rng.normal(0.0, 3.0, count)) * np.sign(wide[signal.name])
     return values
+
+
+def _angles(block: Block) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
+    """Return each angle whose sine or cosine `block` takes: the inputs it needs, its function."""
+    known = {d.symbol: d.expression for d in block.definitions}
+    taken = {
+        f.args[0].xreplace(known): None
+        for d in block.definitions
+        for f in sorted(d.expression.atoms(sp.sin, sp.cos), key=sp.default_sort_key)
+    }
+    rows = []
+    for angle in taken:
+        needs = sorted(angle.free_symbols, key=lambda s: s.name)
+        if set(needs) <= set(block.symbols):
+            rows.append((tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy")))
+    return rows
+
+
+def _is_in_range(
+    angles: Sequence[tuple[tuple[str, ...], Callable[..., Any]]], values: Mapping[str, Array]
+) -> Array:
+    good = np.ones(len(next(iter(values.values()))), bool)
+    for needs, angle in angles:
+        good &= np.abs(angle(*(values[n] for n in needs))) <= SINCOS_MAX
+    return good
 
 
 def _is_physical(model: LoweredModel, values: Mapping[str, Array]) -> Array:

@@ -1,0 +1,153 @@
+"""The parameters that every control law and every plant of the builder has, in the plant's units.
+
+They are the gains of (15)-(23), the limits of the target, and the standard load and friction of a
+coordinate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import sympy as sp
+from pfaffian.derive.dimensions import force_unit, unit_product
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.spec import Actuator, Coordinate
+
+
+def limit_names(actuators: Sequence[Actuator]) -> tuple[str, ...]:
+    """Return the names of the limits of the actuators: `torque_limit` where there is one."""
+    if len(actuators) == 1:
+        return ("torque_limit",)
+    return tuple(f"{a.name}_limit" for a in actuators)
+
+
+def law_parameters(
+    actuators: Sequence[Actuator],
+    residual_units: Sequence[str],
+    force_bound: float,
+    stabilised: Sequence[str] | None = None,
+) -> tuple[Parameter, ...]:
+    """Return the gains of (15)-(23) and the target's limits.
+
+    What runs over all constraints takes the units of the first. `stabilised` are the units of
+    those that (2) stabilises, unless these are all; where it is empty, (2) has no gains.
+    """
+    force, residual, several = actuators[0].unit, residual_units[0], len(actuators) > 1
+    gain = unit_product((residual, 1), ("s", -1), (force, -1))
+    scaled = unit_product((gain, 1), (residual, 1))
+
+    def row(
+        name: str,
+        unit: str,
+        text: str,
+        lower: float = 0.0,
+        group: str = "gain",
+        *,
+        opened: bool = True,
+        upper: float = 1e6,
+        latex: str = "",
+    ) -> Parameter:
+        return Parameter(name, unit, text, group, lower, upper, opened, latex=latex)
+
+    drift = (
+        row("sigma", "1/s", "decay rate of the servo-constraint, (2)", latex="\\varsigma"),
+        row(
+            "eta",
+            unit_product(((stabilised or residual_units)[0], 1), ("s", -1)),
+            "bound of the arctan term, (2)",
+            opened=False,
+            latex="\\eta",
+        ),
+    )
+    return (
+        *(drift if stabilised is None or stabilised else ()),
+        row("kappa", unit_product((force, 1), (scaled, -1)), "gain of p2, (18)", latex="\\kappa"),
+        row(
+            "epsilon",
+            unit_product((scaled, 1), (force, 1)),
+            "layer of p3, (23)",
+            latex="\\varepsilon",
+        ),
+        row(
+            "k1",
+            unit_product((force, 1), ("s", -1), (scaled, -1)),
+            "adaptation rate, (15)",
+            opened=False,
+            latex="\\kappa_1",
+        ),
+        row("k2", "1/s", "leakage rate, (15)", latex="\\kappa_2"),
+        row(
+            "bound_initial",
+            force,
+            "initial estimate of the uncertainty bound, (15)",
+            opened=False,
+            latex="\\hat\\alpha(t_0)",
+        ),
+        row(
+            "sample_time",
+            "s",
+            "period of the controller",
+            1e-6,
+            "target",
+            opened=False,
+            upper=1.0,
+            latex="T",
+        ),
+        *(
+            row(
+                name,
+                actuator.unit,
+                f"largest {actuator.name} commanded"
+                if several
+                else "largest force or torque commanded",
+                group="target",
+                upper=force_bound,
+                latex="\\tau_{\\max}" if not several else "",
+            )
+            for name, actuator in zip(limit_names(actuators), actuators, strict=True)
+        ),
+        row(
+            "singular_threshold",
+            _determinant_unit(actuators, residual_units),
+            "least |ADB| the law divides by"
+            if not several
+            else "least |det ADB| the law divides by",
+            1e-9,
+            "target",
+            opened=False,
+            latex="\\underline{a}",
+        ),
+    )
+
+
+def _determinant_unit(actuators: Sequence[Actuator], residual_units: Sequence[str]) -> str:
+    pairs = zip(residual_units, actuators, strict=False)
+    return unit_product(*(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1))))
+
+
+def friction_parameters(coordinate: Coordinate) -> tuple[Parameter, ...]:
+    """Return load, viscous and Coulomb friction of one coordinate; all zero unless given."""
+    force, name = force_unit(coordinate.unit), coordinate.name
+    rows = (
+        ("load", force, "constant load"),
+        ("viscous", unit_product((force, 1), ("s", 1), (coordinate.unit, -1)), "viscous friction"),
+        ("coulomb", force, "Coulomb friction, smoothed by tanh"),
+        ("coulomb_slope", unit_product(("s", 1), (coordinate.unit, -1)), "slope of that tanh"),
+    )
+    return tuple(
+        Parameter(
+            f"{name}_{kind}", unit, f"{text} on {name}", "uncertainty", -1e3, 1e3, default=0.0
+        )
+        for kind, unit, text in rows
+    )
+
+
+def friction_force(p: SimpleNamespace, coordinate: Coordinate) -> sp.Expr:
+    """Return f(q') of one coordinate, on the left-hand side of (1)."""
+    load, viscous, coulomb, slope = (
+        getattr(p, f"{coordinate.name}_{kind}")
+        for kind in ("load", "viscous", "coulomb", "coulomb_slope")
+    )
+    rate = coordinate.velocity
+    return load + viscous * rate + coulomb * sp.tanh(slope * rate)
