@@ -313,7 +313,7 @@ def test_plain_numbers_are_as_good_as_arrays(value):
     params = MODULE.Params(**{f.name: value for f in fields(MODULE.Params)})
     measured = MODULE.Input(value, value, value, value)
     state, _ = quietly(MODULE.init, params)
-    for each in (state, MODULE.State(value, value, value, value, value, value)):
+    for each in (state, MODULE.State(*[value] * len(fields(MODULE.State)))):
         advanced, output, status = quietly(MODULE.step, each, params, measured)
         assert np.isfinite([float(c) for c in columns_of(output).values()]).all()
         assert 0 <= int(status) < 6

@@ -112,6 +112,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             for p in model.parameters
             if p.name in structures["params"].names()
         ],
+        "prepared": [s.name for s in model.program("prepare").outputs if s.group == "prepared"],
         "state_names": structures["state"].names(),
         "output_names": structures["output"].names(),
         "limits": model.limits,
