@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,13 +14,22 @@ if TYPE_CHECKING:
     from pfaffian.derive.parameter_set import ParameterSet
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What a generation has beyond the default: a set folded in, derivatives, a batch form."""
+
+    bake: bool = False
+    jacobians: bool = False
+    batch: bool = False
+
+
 def generate_files(
     reference: str,
     set_name: str | None,
     params: Path | None,
     folder: Path | None,
     check: bool,
-    bake: bool,
+    extras: Extras,
     as_json: bool,
 ) -> None:
     """Generate a model's files into `folder`, or compare them with what is there."""
@@ -29,6 +38,7 @@ def generate_files(
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
         StageClock,
+        jacobian_programs,
         library_sets,
         lowered_model,
         parameter_set,
@@ -54,9 +64,10 @@ def generate_files(
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
         )
     clock.record("parameters", since)
+    jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
     since = time.perf_counter()
     with source.blamed():
-        generation = generate(Emission(model, sets, bake))
+        generation = generate(Emission(model, sets, extras.bake, jacobians, extras.batch))
     clock.record("emit", since)
     target = folder or Path("generated") / source.name
     if check:

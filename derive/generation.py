@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
+from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.jacobian import emit_jacobian
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
 from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
@@ -25,7 +27,8 @@ class Generation:
 def generate(emission: Emission) -> Generation:
     """Emit every file of `emission`: code, readable derivation and manifest."""
     files: dict[str, str] = dict(emission.model.documents)
-    for emitter in EMITTERS:
+    on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
+    for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
     digests = {
         path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())

@@ -8,6 +8,7 @@ come from the cache and neither is loaded.
 
 from __future__ import annotations
 
+import json
 import pickle
 import time
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
 from pfaffian.derive.parameter_set import ParameterSet, resolve_set
 from pfaffian.derive.parameters import read_set
+from pfaffian.derive.program import Program, program_from_json, program_to_json
 from pfaffian.runtime.cache import cached, digest
 
 if TYPE_CHECKING:
@@ -71,6 +73,8 @@ _LOWERING_CODE = (
     "optimise/tape",
     "render",
 )
+#: What derivatives depend on besides.
+_JACOBIAN_CODE = ("jacobian",)
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 
@@ -136,6 +140,27 @@ def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> Lower
         clock.record("lower", since)
         clock.seconds["lower"] -= clock.seconds.get("derive", 0.0)
     return model
+
+
+def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> tuple[Program, ...]:
+    """Return the derivatives of the model in `folder`, from the cache where they are known.
+
+    They are a stage of their own: who does not ask for them does not pay for them.
+    """
+    since = time.perf_counter()
+    key = digest(derivation_key(folder).encode(), *_code((*_LOWERING_CODE, *_JACOBIAN_CODE)))
+
+    def compute() -> bytes:
+        from pfaffian.derive.jacobian import jacobian_programs_of
+
+        with folder.blamed():
+            found = jacobian_programs_of(derivation_of(folder))
+        return json.dumps([program_to_json(p) for p in found], separators=(",", ":")).encode()
+
+    programs = json.loads(cached("jacobian", key, compute))
+    if clock:
+        clock.record("differentiate", since)
+    return tuple(program_from_json(p) for p in programs)
 
 
 def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> ParameterSet:

@@ -85,7 +85,7 @@ class Body:
     results: dict[str, str]
 
 
-def _wrap(line: str, indent: str = "    ") -> list[str]:
+def wrap_line(line: str, indent: str = "    ") -> list[str]:
     """Break a statement at spaces so that it fits the width; continuation lines are indented."""
     return textwrap.wrap(
         line,
@@ -112,7 +112,7 @@ def _statement_lines(statement: Statement) -> list[str]:
     if len(code) + len(comment) + 4 <= _WIDTH:
         return [f"    {code}{comment}"]
     above = [f"    /* {text} */"] if text else []
-    return above + _wrap(code)
+    return above + wrap_line(code)
 
 
 def body_of(
@@ -148,13 +148,13 @@ def body_of(
     return Body(tuple(lines), results)
 
 
-def _input_bounds(model: LoweredModel) -> dict[str, Range]:
+def input_bounds(model: LoweredModel) -> dict[str, Range]:
     """Return what the checks before the step, and those of `init`, leave of its inputs."""
     bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
     return bounds | {name: (-b, b) for name, b in measured_bounds(model)}
 
 
-def _pointers(**sources: str) -> Callable[[int, Signal], str]:
+def pointers(**sources: str) -> Callable[[int, Signal], str]:
     """Return a reader of structure members: each input group through its own pointer."""
     return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
 
@@ -208,7 +208,7 @@ def _fixed(emission: Emission, structure: Structure) -> list[str]:
     ]
 
 
-def _domain(model: LoweredModel) -> list[str]:
+def domain(model: LoweredModel) -> list[str]:
     """Return one C condition a measurement: inside its domain, false for NaN."""
     return [
         f"(pf_abs(input->{name}) < {c_literal(bound)})" for name, bound in measured_bounds(model)
@@ -219,14 +219,14 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     structures = structures_of(model, emission.step, emission.prepare)
-    controller = _pointers(
+    controller = pointers(
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
     program, checks = with_checks(emission.step)
-    step = body_of(program, controller, INLINE, _input_bounds(model))
+    step = body_of(program, controller, INLINE, input_bounds(model))
     prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
-    plant = _pointers(input="state", torque="input", parameter="params")
+    plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
         "abi": ABI_VERSION,
@@ -247,7 +247,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
             {"name": n, "literal": c_literal(v)}
             for n, v in (emission.baked.constants if emission.baked else ())
         ],
-        "domain": _domain(model),
+        "domain": domain(model),
         "actuators": [a.name for a in model.actuators],
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],

@@ -54,6 +54,8 @@ class Emission:
     model: LoweredModel
     sets: tuple[ParameterSet, ...]
     bake: bool = False
+    jacobians: tuple[Program, ...] = ()
+    batch: bool = False
 
     @cached_property
     def baked(self) -> Baked | None:
@@ -84,7 +86,7 @@ class Emission:
                 remedy="name one with --set or --params",
             )
         _check_name(self.model.name, self.model.name)
-        for program in self.model.programs:
+        for program in (*self.model.programs, *self.jacobians):
             _check_program(self.model.name, program)
         _check_sets(self.sets)
 

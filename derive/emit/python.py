@@ -47,7 +47,8 @@ def _line(statement: Statement) -> str:
     return f"{statement.name} = {statement.expression}{comment}"
 
 
-def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
+def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
+    """Return loads, lines and result expressions of `program`; `sources` name what is read."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
         f"{s.name} = {sources[s.group]}.{s.name}"
@@ -118,15 +119,15 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "limits": model.limits,
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
-        "step": _body(checked, controller),
+        "step": python_body(checked, controller),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
-        "prepare": _body(emission.prepare, controller),
-        "continuous": _body(model.program("continuous"), controller),
-        "acceleration": _body(model.program("acceleration"), plant),
-        "energy": _body(model.program("energy"), plant),
-        "setpoint": _body(model.program("setpoint"), controller),
-        "input_gain": _body(model.program("input_gain"), controller),
+        "prepare": python_body(emission.prepare, controller),
+        "continuous": python_body(model.program("continuous"), controller),
+        "acceleration": python_body(model.program("acceleration"), plant),
+        "energy": python_body(model.program("energy"), plant),
+        "setpoint": python_body(model.program("setpoint"), controller),
+        "input_gain": python_body(model.program("input_gain"), controller),
     }
     return {
         f"{model.name}.py": fill("python/model.py.j2", context),
