@@ -110,15 +110,16 @@ def generate(
     set_name: SetName = None,
     params: Params = None,
     folder: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL.")
+        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL[_single].")
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Only compare; 1 on drift.")] = False,
+    precision: Annotated[str, typer.Option(help="Of the C code: double or single.")] = "double",
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
     from pfaffian.cli.make import generate_files
 
-    generate_files(model, set_name, params, folder, check, json)
+    generate_files(model, set_name, params, folder, check, precision, json)
 
 
 @app.command()

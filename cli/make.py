@@ -19,10 +19,12 @@ def generate_files(
     params: Path | None,
     folder: Path | None,
     check: bool,
+    precision_name: str,
     as_json: bool,
 ) -> None:
     """Generate a model's files into `folder`, or compare them with what is there."""
     from pfaffian.derive.emit.emitter import Emission
+    from pfaffian.derive.emit.precision import DOUBLE, precision_named
     from pfaffian.derive.generation import generate
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
@@ -30,11 +32,13 @@ def generate_files(
         library_sets,
         lowered_model,
         parameter_set,
+        single_elementary,
     )
     from pfaffian.derive.writer import drift, write_generation
 
     if set_name and params:
         raise InputError("--set and --params are both given", remedy="give one of them")
+    precision = precision_named(precision_name)
     source = find_model(reference)
     clock = StageClock()
     model = lowered_model(source, clock)
@@ -54,9 +58,12 @@ def generate_files(
     clock.record("parameters", since)
     since = time.perf_counter()
     with source.blamed():
-        generation = generate(Emission(model, sets))
+        single = {} if precision is DOUBLE else single_elementary()
+        generation = generate(Emission(model, sets, precision, single))
     clock.record("emit", since)
-    target = folder or Path("generated") / source.name
+    target = (
+        folder or Path("generated") / f"{source.name}{'' if precision is DOUBLE else '_single'}"
+    )
     if check:
         _report_drift(drift(generation, target), target, source.name, as_json)
         return
@@ -67,6 +74,7 @@ def generate_files(
         output.emit_json(
             {
                 "model": model.name,
+                "precision": precision.name,
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
