@@ -474,6 +474,15 @@ def test_a_second_generation_in_single_imports_nothing_heavy(workspace, monkeypa
     assert not heavy & set(done.stderr.split())
 
 
+@pytest.mark.target
+def test_a_flight_on_the_emulator_counts_the_emulators_roundings_apart(run, folders):
+    arguments = ("pil", "rig-balance", "--generated", folders["pendubot"].path, "--json")
+    flown = run(*arguments).document()
+    assert flown["differing_bits"] == 0
+    same = flown["trajectory_sha256"] == flown["host_trajectory_sha256"]
+    assert same == (flown["emulator_bits"] == 0)
+
+
 def test_an_unknown_precision_is_refused(refused):
     refused("generate", "pendubot", "--precision", "half", says=("half", "double, single"))
 
