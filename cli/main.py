@@ -110,7 +110,7 @@ def generate(
     set_name: SetName = None,
     params: Params = None,
     folder: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL.")
+        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL[_single].")
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Only compare; 1 on drift.")] = False,
     bake: Annotated[
@@ -122,12 +122,13 @@ def generate(
     batch: Annotated[
         bool, typer.Option("--batch", help="Also C for many samples at once.")
     ] = False,
+    precision: Annotated[str, typer.Option(help="Of the C code: double or single.")] = "double",
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
     from pfaffian.cli.make import Extras, generate_files
 
-    extras = Extras(bake, jacobians, batch)
+    extras = Extras(bake, jacobians, batch, precision)
     generate_files(model, set_name, params, folder, check, extras, json)
 
 

@@ -38,7 +38,7 @@ def generate(emission: Emission) -> Generation:
 
 
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
-    model = emission.model
+    model, real = emission.model, emission.precision.real
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -53,8 +53,8 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model, emission.step, emission.prepare),
-        parameters=tuple(Field(p.name, "double", p.unit, p.description) for p in model.parameters),
+        structures=structures_of(model, real, emission.step, emission.prepare),
+        parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
         domain=domain,
@@ -62,4 +62,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         | {"step": emission.operations()},
         baked=emission.sets[0].name if emission.bake else "",
         files=digests,
+        precision=emission.precision.name,
     )

@@ -11,10 +11,11 @@ from __future__ import annotations
 import json
 import pickle
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
@@ -75,6 +76,8 @@ _LOWERING_CODE = (
 )
 #: What derivatives depend on besides.
 _JACOBIAN_CODE = ("jacobian",)
+#: What the coefficients of single precision depend on; no model plays a part.
+_SINGLE_CODE = ("elementary", "elementary_fit", "elementary_single", "elementary_tables")
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 
@@ -161,6 +164,19 @@ def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> t
     if clock:
         clock.record("differentiate", since)
     return tuple(program_from_json(p) for p in programs)
+
+
+def single_elementary() -> Mapping[str, Any]:
+    """Return the coefficients of single precision's elementary functions, cached likewise."""
+    key = digest(version("mpmath").encode(), *_code(_SINGLE_CODE))
+
+    def compute() -> bytes:
+        from pfaffian.derive.elementary_single import single_render_context
+
+        return json.dumps(single_render_context(), sort_keys=True).encode()
+
+    known: dict[str, Any] = json.loads(cached("elementary-single", key, compute))
+    return known
 
 
 def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> ParameterSet:

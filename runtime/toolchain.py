@@ -145,7 +145,8 @@ def _zig() -> tuple[str, ...]:
 def controller_sources(folder: Path, manifest: Manifest) -> list[Path]:
     """Return the C files that a target needs for control alone."""
     c = folder / "c"
-    return [c / f"{manifest.model}.c", c / "pf_elementary.c"]
+    elementary = "pf_elementaryf.c" if manifest.precision == "single" else "pf_elementary.c"
+    return [c / f"{manifest.model}.c", c / elementary]
 
 
 def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:

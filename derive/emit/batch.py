@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.emit.c import INLINE, Body, body_of, c_literal, domain, input_bounds, pointers
+from pfaffian.derive.emit.c import Body, body_of, c_literal, domain, input_bounds, pointers
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.structures import structures_of
 from pfaffian.derive.program import Op, Signal
 from pfaffian.runtime.manifest import Structure
@@ -24,9 +25,9 @@ BATCH_ROLES = {
 }
 #: No branch and no call: a truth is an int, both sides of every choice are computed.
 SAMPLE = replace(
-    INLINE,
+    DOUBLE.inline,
     patterns={
-        **INLINE.patterns,
+        **DOUBLE.inline.patterns,
         Op.SQRT: "pf_sqrt_lane({0})",
         Op.SIN: "pf_sin_lane({0})",
         Op.COS: "pf_cos_lane({0})",
@@ -75,7 +76,7 @@ def emit_batch(emission: Emission) -> dict[str, str]:
     functions that choose where the others branch.
     """
     model = emission.model
-    structures = structures_of(model, emission.step, emission.prepare)
+    structures = structures_of(model, step=emission.step, prepare=emission.prepare)
     step, checked = _step(emission)
     plant = pointers(input="state", torque="input", parameter="params")
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])

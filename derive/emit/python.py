@@ -11,6 +11,7 @@ from pfaffian.derive.emit.emitter import (
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.program import Op, Program
@@ -42,6 +43,11 @@ DIALECT = Dialect(
 )
 
 
+_SINGLE_NOTE = """
+
+The C code beside this module is of single precision; this module computes in double."""
+
+
 def _line(statement: Statement) -> str:
     comment = f"  # {comment_text(statement.comment)}" if statement.comment else ""
     return f"{statement.name} = {statement.expression}{comment}"
@@ -62,7 +68,7 @@ def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
-    structures = structures_of(model, emission.step, emission.prepare)
+    structures = structures_of(model, step=emission.step, prepare=emission.prepare)
     controller = {
         "input": "measured",
         "state": "state",
@@ -76,6 +82,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
     context: dict[str, object] = {
         "header": emission.banner(),
         "title": comment_text(model.title),
+        "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
         "classes": [
             {

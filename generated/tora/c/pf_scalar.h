@@ -28,7 +28,15 @@ static inline double pf_fms(double a, double b, double c)
 
 static inline double pf_fnms(double a, double b, double c)
 {
-    return -__builtin_fma(a, b, -c); /* clang makes one instruction of this form only */
+    /* clang makes one instruction of this form only. */
+    double negative = __builtin_fma(a, b, -c);
+    /* gcc would compute c - a b instead, where zero has the other sign. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__FMA__)
+    __asm__("" : "+x"(negative));
+#elif defined(__GNUC__) && !defined(__clang__) && defined(__aarch64__)
+    __asm__("" : "+w"(negative));
+#endif
+    return -negative;
 }
 
 static inline double pf_min(double a, double b)
