@@ -137,7 +137,7 @@ def test_large_determinants_stay_in_named_coefficients():
 
 def test_there_is_no_closed_form_above_degree_four():
     coefficients = tuple(coefficient_symbols(5))
-    zeros = ZeroDynamics(coefficients, (), (), coefficients, ())
+    zeros = ZeroDynamics(coefficients, (), (), (), coefficients, ())
     found = hurwitz_conditions(derivation_of(find_model("pendubot")).spec, zeros)
     assert (found.closed, found.frictionless, found.damped) == (False, (), ())
 

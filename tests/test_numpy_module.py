@@ -261,6 +261,16 @@ def quietly(function, *arguments):
         return function(*arguments)
 
 
+def at_the_limit(output, params):
+    """Return where a rounding of the largest part of the torque decides whether it saturates.
+
+    C rounds a product and a sum once, NumPy twice.
+    """
+    parts = np.abs([output[n] for n in ("p1", "p2", "p3")])
+    torque = np.abs(output["p1"] + output["p2"] + output["p3"])
+    return np.abs(torque - params["torque_limit"]) <= PARTING * np.spacing(parts.max(axis=0))
+
+
 def test_step_on_garbage_says_what_c_says(host, spoiled):
     state, params, measured = spoiled
     after, output = state.copy(), host.records("output", len(state))
@@ -268,7 +278,9 @@ def test_step_on_garbage_says_what_c_says(host, spoiled):
     host.step(after, params, measured, output, status)
     batch = (given("state", state), given("params", params), given("input", measured))
     advanced, result, codes = quietly(MODULE.step, *batch)
-    assert (codes == status).all()
+    assert ((codes >= MODULE.BAD_INPUT) == (status >= MODULE.BAD_INPUT)).all()
+    assert (codes == status)[~at_the_limit(output, params)].all()
+    assert (codes == status).mean() > 0.9999
     for name, column in columns_of(result).items():
         assert np.isfinite(column).all(), name
         assert not column[codes >= MODULE.BAD_INPUT].any(), name
@@ -313,7 +325,7 @@ def test_plain_numbers_are_as_good_as_arrays(value):
     params = MODULE.Params(**{f.name: value for f in fields(MODULE.Params)})
     measured = MODULE.Input(value, value, value, value)
     state, _ = quietly(MODULE.init, params)
-    for each in (state, MODULE.State(value, value, value, value, value, value)):
+    for each in (state, MODULE.State(*[value] * len(fields(MODULE.State)))):
         advanced, output, status = quietly(MODULE.step, each, params, measured)
         assert np.isfinite([float(c) for c in columns_of(output).values()]).all()
         assert 0 <= int(status) < 6

@@ -14,6 +14,7 @@ from pfaffian.derive.emit.emitter import (
     comment_text,
     fill,
     finite_bound,
+    input_bounds,
     measured_bounds,
     snake,
 )
@@ -21,7 +22,7 @@ from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.optimise.ranges import Range
+from pfaffian.derive.optimise.ranges import Range, unbounded
 from pfaffian.derive.program import Op, Program, Signal, restricted
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
@@ -148,12 +149,6 @@ def body_of(
     return Body(tuple(lines), results)
 
 
-def _input_bounds(model: LoweredModel) -> dict[str, Range]:
-    """Return what the checks before the step, and those of `init`, leave of its inputs."""
-    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
-    return bounds | {name: (-b, b) for name, b in measured_bounds(model)}
-
-
 def _pointers(**sources: str) -> Callable[[int, Signal], str]:
     """Return a reader of structure members: each input group through its own pointer."""
     return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
@@ -223,7 +218,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
     program, checks = with_checks(emission.step)
-    step = body_of(program, controller, INLINE, _input_bounds(model))
+    step = body_of(program, controller, INLINE, input_bounds(model))
     prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = _pointers(input="state", torque="input", parameter="params")
@@ -255,6 +250,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],
         "prepare": body_of(restricted(prepare, "prepared"), controller),
+        "unbounded": unbounded(prepare, input_bounds(model)),
         "start": body_of(restricted(prepare, "state"), controller),
         "continuous": body_of(model.program("continuous"), controller),
         "acceleration": body_of(model.program("acceleration"), plant),

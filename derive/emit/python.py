@@ -7,12 +7,14 @@ from pfaffian.derive.emit.emitter import (
     comment_text,
     fill,
     finite_bound,
+    input_bounds,
     measured_bounds,
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.optimise.ranges import unbounded
 from pfaffian.derive.program import Op, Program
 
 DIALECT = Dialect(
@@ -50,7 +52,7 @@ def _line(statement: Statement) -> str:
 def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
-        f"{s.name} = {sources[s.group]}.{s.name}"
+        f"{s.name} = np.float64({sources[s.group]}.{s.name})"  # an array stays one, uncopied
         for index, s in enumerate(program.inputs)
         if index in used
     ]
@@ -118,6 +120,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
         "step": _body(checked, controller),
+        "unbounded": unbounded(emission.prepare, input_bounds(model)),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
         "prepare": _body(emission.prepare, controller),
