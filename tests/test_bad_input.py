@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 from pfaffian.derive import writer
 from pfaffian.runtime.generated_model import open_generated
+from pfaffian.runtime.manifest import ABI_VERSION
 
 #: A call that names what does not exist, and what the message must say.
 UNKNOWN = {
@@ -225,9 +226,10 @@ def test_a_malformed_manifest_is_refused(text, says, copied, refused):
 
 def test_generated_code_of_another_abi_is_refused_by_number(copied, refused):
     manifest = copied / "manifest.json"
-    manifest.write_text(manifest.read_text().replace('"abi": 1,', '"abi": 99,'))
+    manifest.write_text(manifest.read_text().replace(f'"abi": {ABI_VERSION},', '"abi": 99,'))
     for call in ("simulate section-5.1-paper", "verify pendubot", "build pendubot"):
-        says = ("made/manifest.json: ABI 99, this runtime needs 1", "regenerate the model")
+        needs = f"made/manifest.json: ABI 99, this runtime needs {ABI_VERSION}"
+        says = (needs, "regenerate the model")
         refused(*call.split(), "--generated", "made", says=says)
 
 

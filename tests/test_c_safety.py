@@ -29,22 +29,27 @@ SETS = FOLDER.manifest.parameter_sets
 
 def sensible(folder, rng, count):
     """Return (state, params, input) records as they occur: known sets, motions, engaged laws."""
-    manifest = folder.manifest
-    state, params, measured = (
-        np.zeros(count, layout_of(manifest.structures[r])) for r in ("state", "params", "input")
-    )
+    manifest, model = folder.manifest, host_model(folder)
+    state, params, measured = (model.records(r, count) for r in ("state", "params", "input"))
     which = rng.integers(0, len(manifest.parameter_sets), count)
     for name in params.dtype.names:
         column = np.array([s[name] for s in manifest.parameter_sets.values()])
         params[name] = column[which] * rng.uniform(0.9, 1.1, count)
     for name in measured.dtype.names:
         measured[name] = rng.normal(0.0, 3.0, count)
+    status = np.zeros(count, np.int32)
+    model.init(state, params, status)
+    assert (status == OK).all()
     state["engaged"] = rng.integers(0, 2, count)
     state["constraint_offset"], state["drift_previous"] = rng.normal(0.0, 2.0, (2, count))
     state["bound_estimate"] = np.abs(rng.normal(0.0, 0.5, count))
-    state["leakage_decay"] = rng.uniform(0.9, 1.0, count)
-    state["adaptation_step"] = params["k1"] * params["sample_time"]
     return state, params, measured
+
+
+def prepared_members(folder):
+    """Return the members of the state that depend on the parameters alone."""
+    remembered = ("engaged", "constraint_offset", "drift_previous", "bound_estimate")
+    return [n for n in folder.manifest.structures["state"].names() if n not in remembered]
 
 
 def garbage(rng, records):
@@ -128,40 +133,85 @@ def test_raw_bit_patterns_everywhere(host):
 NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True)
 
 
+PREPARED = prepared_members(FOLDER)
+
+
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
-    state=st.tuples(st.integers(0, 2**32 - 1), *[NUMBERS] * 5),
+    remembered=st.tuples(st.integers(0, 2**32 - 1), *[NUMBERS] * 3),
+    corrupted=st.dictionaries(st.sampled_from(PREPARED), NUMBERS, max_size=4),
     changes=st.dictionaries(st.sampled_from(sorted(SETS["sim"])), NUMBERS, max_size=4),
     measured=st.tuples(*[NUMBERS] * 4),
 )
-def test_torque_is_finite_and_bounded_for_whatever_hypothesis_finds(host, state, changes, measured):
+def test_torque_is_finite_and_bounded_for_whatever_hypothesis_finds(
+    host, remembered, corrupted, changes, measured
+):
     params = fill_records(host.records("params"), SETS["sim"] | changes)
-    before, at = host.records("state"), host.records("input")
-    before[0], at[0] = state, measured
+    before, _ = initialised(host, SETS["sim"])
+    names = [n for n in before.dtype.names if n not in PREPARED]
+    for name, value in (dict(zip(names, remembered, strict=True)) | corrupted).items():
+        before[name] = value
+    at = host.records("input")
+    at[0] = measured
     assert_safe(before, params, *stepped(host, before, params, at))
+
+
+@pytest.mark.parametrize("member", PREPARED)
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -np.inf, LARGEST, TINY])
+def test_a_corrupted_prepared_member_gives_no_torque_beyond_the_limit(host, member, value):
+    rng = np.random.default_rng(3)
+    state, params, measured = sensible(FOLDER, rng, 500)
+    state[member] = value
+    assert_safe(state, params, *stepped(host, state, params, measured))
+
+
+def test_a_state_that_init_never_saw_is_refused(host):
+    """All zero, as memory is before init: 0 over 0 is no torque."""
+    params = fill_records(host.records("params"), SETS["sim"])
+    state, output, status = stepped(host, host.records("state"), params, host.records("input"))
+    assert status[0] == NUMERIC
+    assert not raw(output).any()
+    assert not raw(state).any()
 
 
 def test_measurements_out_of_their_domain_are_refused(host):
     domain = FOLDER.manifest.domain
     names = layout_of(FOLDER.manifest.structures["input"]).names
     params = fill_records(host.records("params"), SETS["sim"])
+    state, _ = initialised(host, SETS["sim"])
     for name, sign in itertools.product(names, (-1.0, 1.0)):
         bound = domain[name] * sign
-        beyond = [np.nextafter(bound, sign * np.inf), sign * np.inf, np.nan, sign * LARGEST]
-        for value, is_bad in [(v, True) for v in beyond] + [(bound, False)]:
+        outside = [bound, np.nextafter(bound, sign * np.inf), sign * np.inf, np.nan, sign * LARGEST]
+        inside = [np.nextafter(bound, 0.0), 0.0]
+        for value, is_bad in [(v, True) for v in outside] + [(v, False) for v in inside]:
             measured = host.records("input")
             measured[name] = value
-            _, output, status = stepped(host, host.records("state"), params, measured)
+            _, output, status = stepped(host, state, params, measured)
             assert (status[0] == BAD_INPUT) == is_bad, (name, value)
             assert output["tau"] == 0.0 or not is_bad
 
 
-@pytest.mark.parametrize("limit", [0.0, -0.0, -1.0, np.nan, np.inf, -np.inf])
-def test_step_refuses_a_torque_limit_that_limits_nothing(host, limit):
+@pytest.mark.parametrize("limit", [0.0, -0.0, -1.0, np.nan, -np.inf])
+def test_step_refuses_a_torque_limit_that_is_none(host, limit):
     params = fill_records(host.records("params"), SETS["sim"] | {"torque_limit": limit})
-    _, output, status = stepped(host, host.records("state"), params, host.records("input"))
+    state, _ = initialised(host, SETS["sim"])
+    _, output, status = stepped(host, state, params, host.records("input"))
     assert status[0] == BAD_PARAMETER
     assert not raw(output).any()
+
+
+def test_an_infinite_torque_limit_is_refused_by_init_and_leaves_the_torque_finite(host):
+    _, refused = initialised(host, SETS["sim"] | {"torque_limit": np.inf})
+    assert refused == BAD_PARAMETER
+    rng = np.random.default_rng(2)
+    state, params, measured = sensible(FOLDER, rng, 20_000)
+    params["torque_limit"] = np.inf
+    before = state.copy()
+    for name in before.dtype.names[1:]:
+        before[name] *= rng.choice([1.0, 1e100, 1e200, 1e300], 20_000)
+    after, output, status = stepped(host, before, params, measured)
+    assert set(status) == {OK, NEAR_SINGULAR, NUMERIC}
+    assert_safe(before, params, after, output, status)
 
 
 def bounds():
@@ -181,10 +231,17 @@ def initialised(host, values):
     return state, status[0]
 
 
+#: What is divided by: 1/epsilon has to be finite, which 1 over a smaller number is not.
+SMALLEST = {"epsilon": NORMAL / 4.0}
+
+
 @pytest.mark.parametrize("name", FOLDER.manifest.structures["params"].names())
 def test_init_refuses_each_parameter_out_of_its_bounds_and_accepts_the_bounds(host, name):
     ((_, lower, is_open, upper),) = [b for b in bounds() if b[0] == name]
     wrong = [np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf), np.nan, np.inf, -np.inf]
+    if name in SMALLEST:
+        lower, is_open = SMALLEST[name], True
+        wrong += [lower, TINY, 0.0]
     right = [upper, np.nextafter(lower, np.inf), *([] if is_open else [lower])]
     wrong += [lower, -0.0] if is_open and lower == 0.0 else []
     for value in wrong:
@@ -361,4 +418,5 @@ def test_no_division_by_zero_on_any_measurement_and_state_with_sound_parameters(
     rng = np.random.default_rng(7)
     state, params, measured = sensible(FOLDER, rng, 40_000)
     batch = [garbage(rng, state), params, garbage(rng, measured)]
+    batch[0][PREPARED] = state[PREPARED]  # as init left them
     run_sanitized(tmp_path, [f"{UNDEFINED},float-divide-by-zero"], batch)

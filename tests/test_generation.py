@@ -108,7 +108,7 @@ def test_every_source_file_says_what_it_was_made_from(twins):
     assert manifest["tools"] == {tool: importlib.metadata.version(tool) for tool in TOOLS}
     step = lowered_model(find_model("pendubot")).program("step")
     work = [i for i in step.instructions if i.op not in ("input", "const")]
-    assert manifest["operations"]["step"] == len(work) > 100
+    assert manifest["operations"]["step"] == len(work) > 50
 
 
 def test_the_manifest_has_the_digest_of_every_other_file(twins):

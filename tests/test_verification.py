@@ -51,7 +51,7 @@ SLIPS = {
     "a wrong sign": ("pendubot.c", "const double beta = offset + s;", "beta = offset - s;"),
     "a lost term": ("pendubot.c", "layer + kappa", "layer"),
     "single precision": ("pendubot.c", "3.141592653589793", "3.14159274"),
-    "a plant slip": ("pendubot_plant.c", "theta1 * theta2 - ", "theta1 * theta2 + "),
+    "a plant slip": ("pendubot_plant.c", "theta1 + theta2)", "theta1 - theta2)"),
 }
 
 

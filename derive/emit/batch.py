@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.emit.c import Body, body_of, c_literal, domain, input_bounds, pointers
-from pfaffian.derive.emit.emitter import Emission, comment_text, fill
+from pfaffian.derive.emit.c import Body, body_of, c_literal, domain, pointers
+from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bounds
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.structures import structures_of

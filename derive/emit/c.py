@@ -13,6 +13,7 @@ from pfaffian.derive.emit.emitter import (
     comment_text,
     fill,
     finite_bound,
+    input_bounds,
     measured_bounds,
     snake,
 )
@@ -22,7 +23,7 @@ from pfaffian.derive.emit.precision import c_literal as c_literal
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.optimise.ranges import Range
+from pfaffian.derive.optimise.ranges import Range, unbounded
 from pfaffian.derive.program import Program, Signal, restricted
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
@@ -99,12 +100,6 @@ def body_of(
         lines += _statement_lines(statement, real)
     lines += [f"    const {real} {n} = {places[n]};" for n in waiting]
     return Body(tuple(lines), results)
-
-
-def input_bounds(model: LoweredModel) -> dict[str, Range]:
-    """Return what the checks before the step, and those of `init`, leave of its inputs."""
-    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
-    return bounds | {name: (-b, b) for name, b in measured_bounds(model)}
 
 
 def pointers(**sources: str) -> Callable[[int, Signal], str]:
@@ -210,6 +205,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],
         "prepare": body_of(restricted(prepare, "prepared"), controller, precision.dialect),
+        "unbounded": unbounded(prepare, input_bounds(model)),
         "start": body_of(restricted(prepare, "state"), controller, precision.dialect),
         "continuous": body_of(model.program("continuous"), controller, precision.dialect),
         "acceleration": body_of(model.program("acceleration"), plant, precision.dialect),

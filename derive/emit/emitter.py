@@ -20,6 +20,7 @@ import jinja2
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
+from pfaffian.derive.optimise.ranges import Range
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.derive.program import TIME_NAME, Op, Program
 from pfaffian.runtime.cache import cache_folder
@@ -239,6 +240,12 @@ def measured_bounds(model: LoweredModel) -> list[tuple[str, float]]:
     if any(s.name == TIME_NAME for s in model.program("step").inputs):
         rows.append((TIME_NAME, TIME_BOUND))
     return [(name, finite_bound(bound)) for name, bound in rows]
+
+
+def input_bounds(model: LoweredModel) -> dict[str, Range]:
+    """Return what the checks before the step, and those of `init`, leave of its inputs."""
+    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
+    return bounds | {name: (-b, b) for name, b in measured_bounds(model)}
 
 
 def snake(name: str) -> str:

@@ -7,6 +7,7 @@ from pfaffian.derive.emit.emitter import (
     comment_text,
     fill,
     finite_bound,
+    input_bounds,
     measured_bounds,
     snake,
 )
@@ -14,6 +15,7 @@ from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.optimise.ranges import unbounded
 from pfaffian.derive.program import Op, Program
 
 DIALECT = Dialect(
@@ -57,7 +59,7 @@ def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
     """Return loads, lines and result expressions of `program`; `sources` name what is read."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
-        f"{s.name} = {sources[s.group]}.{s.name}"
+        f"{s.name} = np.float64({sources[s.group]}.{s.name})"  # an array stays one, uncopied
         for index, s in enumerate(program.inputs)
         if index in used
     ]
@@ -127,6 +129,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
         "step": python_body(checked, controller),
+        "unbounded": unbounded(emission.prepare, input_bounds(model)),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
         "prepare": python_body(emission.prepare, controller),

@@ -8,11 +8,22 @@ import re
 from dataclasses import replace
 
 from pfaffian.derive.optimise.tape import Tape, finished, fixed_values
-from pfaffian.derive.program import Instruction, Op, Program, Signal
+from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, Signal
 
 _WORDS = {Op.MUL: "", Op.ADD: "plus_", Op.SUB: "minus_", Op.DIV: "over_"}
 _NUMBERS = {0.5: "half", 1.0: "one", 2.0: "two", math.pi: "pi"}
 _LONGEST = 40
+#: A comment of the derivation, and the unit at its end.
+_COMMENT = re.compile(r"(.*?)(?: \[(\S+)\])?")
+_FUSED = (Op.FMA, Op.FMS, Op.FNMS)
+#: From which operand on all have the unit of the result.
+_FIRST_ALIKE = {
+    **dict.fromkeys((Op.ADD, Op.SUB, Op.NEG, Op.ABS, Op.MIN, Op.MAX), 0),
+    **dict.fromkeys(_FUSED, 2),
+    Op.SELECT: 1,
+}
+#: Operations whose result has no unit.
+_PURE = LOGICAL | {Op.CONST, Op.SIGN, Op.SIN, Op.COS, Op.ATAN, Op.EXP, Op.EXPM1, Op.TANH}
 
 
 def hoist(step: Program, prepare: Program) -> tuple[Program, Program]:
@@ -27,7 +38,7 @@ def hoist(step: Program, prepare: Program) -> tuple[Program, Program]:
         return step, prepare
     taken = {s.name for s in (*step.inputs, *prepare.inputs, *prepare.outputs)}
     taken |= {i.name for p in (step, prepare) for i in p.instructions if i.name}
-    signals = _signals(step, wanted, taken)
+    signals = _signals(step, wanted, taken, _units(step, prepare, fixed))
     return _without(step, wanted, signals), _extended(prepare, step, wanted, signals)
 
 
@@ -41,7 +52,9 @@ def _frontier(step: Program, fixed: list[bool]) -> list[int]:
     return [i for i in sorted(needed) if fixed[i] and step.instructions[i].op not in free]
 
 
-def _signals(step: Program, wanted: list[int], taken: set[str]) -> list[Signal]:
+def _signals(
+    step: Program, wanted: list[int], taken: set[str], units: dict[int, str]
+) -> list[Signal]:
     """Name what is prepared by what it is; numbers where a name would be too long."""
     texts, names = _texts(step)
     found = []
@@ -52,8 +65,36 @@ def _signals(step: Program, wanted: list[int], taken: set[str]) -> list[Signal]:
             base = next(n for k in itertools.count(1) if (n := f"prepared{k}") not in taken)
         name = next(n for k in itertools.count() if (n := base + "_" * k) not in taken or k > 8)
         taken.add(name)
-        found.append(Signal(name, "", own.comment or texts[index], "prepared"))
+        said = _COMMENT.fullmatch(own.comment)
+        text, unit = said.groups() if said else (own.comment, None)
+        found.append(Signal(name, unit or units.get(index, ""), text or texts[index], "prepared"))
     return found
+
+
+def _units(step: Program, prepare: Program, fixed: list[bool]) -> dict[int, str]:
+    """Return the unit of each fixed value that has one by the units of what enters."""
+    from pfaffian.derive.dimensions import unit_product  # loads SymPy and pint
+
+    units: dict[int, str] = {}
+    known = {s.name: s.unit for s in prepare.outputs if s.group == "prepared"}
+    for index, i in enumerate(step.instructions):
+        if not fixed[index]:
+            continue
+        if i.op is Op.INPUT:
+            signal = step.inputs[index]
+            units[index] = unit_product((known.get(signal.name, signal.unit), 1))
+            continue
+        found = set()
+        if all(a in units for a in i.args):
+            # A number in a sum takes the unit of the other side.
+            alike = i.args[_FIRST_ALIKE.get(i.op, len(i.args)) :]
+            found = {units[a] for a in alike if step.instructions[a].op is not Op.CONST}
+            if i.op in (Op.MUL, Op.DIV, *_FUSED):
+                power = -1 if i.op is Op.DIV else 1
+                found.add(unit_product((units[i.args[0]], 1), (units[i.args[1]], power)))
+        if i.op in _PURE or len(found) == 1:
+            units[index] = "" if i.op in _PURE else found.pop()
+    return units
 
 
 def _texts(step: Program) -> tuple[dict[int, str], dict[int, str]]:
@@ -142,9 +183,8 @@ def _extended(prepare: Program, step: Program, wanted: list[int], signals: list[
             moved[index] = tape.copy(i, tuple(moved[a] for a in i.args))
     for index, signal in zip(wanted, signals, strict=True):
         held = tape.instructions[moved[index]]
-        tape.instructions[moved[index]] = replace(
-            held, name=signal.name, comment=signal.description
-        )
+        comment = signal.description + (f" [{signal.unit}]" if signal.unit else "")
+        tape.instructions[moved[index]] = replace(held, name=signal.name, comment=comment)
     results = (*(inside[r] for r in prepare.results), *(moved[i] for i in wanted))
     done = finished(prepare, tape.instructions, results)
     return replace(done, inputs=(*prepare.inputs, *added), outputs=(*prepare.outputs, *signals))

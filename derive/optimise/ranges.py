@@ -51,6 +51,15 @@ def plain_calls(program: Program, bounds: Mapping[str, Range]) -> frozenset[int]
     )
 
 
+def unbounded(program: Program, bounds: Mapping[str, Range]) -> tuple[str, ...]:
+    """Return the prepared outputs that need not be finite, given bounds of inputs by name."""
+    found = ranges(program, bounds)
+    pairs = zip(program.outputs, program.results, strict=True)
+    return tuple(
+        s.name for s, r in pairs if s.group == "prepared" and not all(map(math.isfinite, found[r]))
+    )
+
+
 def _widened(r: Range) -> Range:
     low, high = r
     if math.isnan(low) or math.isnan(high):
