@@ -87,7 +87,12 @@ def folders(tmp_path_factory):
     for name in MODELS:
         source = find_model(name)
         model = lowered_model(source)
-        emission = Emission(model, library_sets(model, source), SINGLE, single_elementary())
+        emission = Emission(
+            model,
+            library_sets(model, source),
+            precision=SINGLE,
+            single=single_elementary(),
+        )
         write_generation(generate(emission), root / name)
     return {name: open_generated(str(root / name)) for name in MODELS}
 
@@ -181,7 +186,7 @@ def test_a_set_that_single_would_carry_over_a_bound_is_refused():
         changed = replace(given, values=values)
         Emission(model, (changed,))  # in double it may stay
         with pytest.raises(InputError, match=f"{name}.*single precision"):
-            Emission(model, (changed,), SINGLE, single_elementary())
+            Emission(model, (changed,), precision=SINGLE, single=single_elementary())
 
 
 # ---- the sources

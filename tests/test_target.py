@@ -191,7 +191,11 @@ def sane(rng):
 
 
 def wild(rng):
-    return [garbage(rng, b) for b in sensible(FOLDER, rng, COUNT)]
+    """Garbage in all that reaches a step; the parameters of every other sample are sensible."""
+    good = sensible(FOLDER, rng, COUNT)
+    batch = [garbage(rng, b) for b in good]
+    batch[1][::2] = good[1][::2]
+    return batch
 
 
 @pytest.mark.parametrize("name", TOOLCHAINS)
@@ -200,8 +204,12 @@ def test_steps_are_bit_identical_on_host_and_target(host, name, draw):
     there = GeneratedModel(FOLDER, Ppc750Machine(image_of(name)))
     batch = draw(np.random.default_rng(22))
     wanted, found = step_and_init(host, batch), step_and_init(there, batch)
-    for here, seen in zip(wanted, found, strict=True):
-        assert (here == seen).all()
+    assert (wanted[3] == found[3]).all()
+    assert (wanted[4] == found[4]).all()
+    # What init refuses must not reach a step: there only the statuses of faults are promised.
+    accepted = wanted[4] == 0
+    for here, seen in zip(wanted[:3], found[:3], strict=True):
+        assert (here[..., accepted] == seen[..., accepted]).all()
     assert len(np.unique(wanted[2])) == (6 if draw is wild else 3)
 
 
