@@ -32,6 +32,7 @@ def measured_steps(count: int, passes: int, rows: int) -> dict[str, Any]:
     from pfaffian.derive.program import evaluate
     from pfaffian.derive.step_python import python_steps
     from pfaffian.runtime.scenario import read_scenario
+    from pfaffian.runtime.step_bench import host_flags
     from pfaffian.runtime.toolchain import host_target, ppc750_libm_target, ppc750_target
 
     scenario = read_scenario(_SCENARIO)
@@ -52,11 +53,12 @@ def measured_steps(count: int, passes: int, rows: int) -> dict[str, Any]:
         "ppc750_detail": {n: asdict(c) for n, c in counted.items()},
         "ratio_to_casadi": instructions["ours"] / instructions["casadi"],
         **host,
-        "host_ratio_to_casadi": host["host_ns"]["ours"] / host["host_ns"]["casadi"],
+        "host_ratios": {n: host["host_ns"]["ours"] / t for n, t in host["host_ns"].items()},
         "python_ns": python_steps(block, scenario.folder, states, parameters, rows),
         "largest_difference": agreement,
         "compilers": {
-            "host": host_target().description,
+            "host": " ".join((host_target().description, *host_flags())),
+            "host_plain": host_target().description,
             "ppc750": ppc750_target().description,
             "ppc750_libm": ppc750_libm_target().description,
         },
@@ -98,10 +100,13 @@ def _tools(block: Block, scenario: Scenario) -> tuple[dict[str, StepTool], list[
 def _time_on_host(
     tools: Mapping[str, StepTool], states: StepStates, passes: int, missing: list[str]
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Build, compare and time every tool; one that is optional and does not build is missing."""
-    from pfaffian.runtime.step_bench import check_agreement, host_has_fma, on_host, time_tools
+    """Build, compare and time every tool; one that is optional and does not build is missing.
 
-    forms = {"host_ns": (), **({"host_fma_ns": ("-mfma",)} if host_has_fma() else {})}
+    `host_ns` is with the processor's fused multiply-add where it has one, `host_plain_ns` without.
+    """
+    from pfaffian.runtime.step_bench import check_agreement, host_flags, on_host, time_tools
+
+    forms = {"host_ns": host_flags(), **({"host_plain_ns": ()} if host_flags() else {})}
     loaded: dict[tuple[str, str], ToolOnMachine] = {}
     largest: dict[str, float] = {}
     for form, flags in forms.items():
@@ -120,10 +125,10 @@ def _time_on_host(
         largest = {n: max(d, largest.get(n, 0.0)) for n, d in found.items()}
         loaded |= {(form, name): tool for name, tool in here.items()}
     output.note("timing on the host")
-    figures: dict[str, Any] = {"host_ns": {}, "host_fma_ns": {} if len(forms) > 1 else None}
+    figures: dict[str, Any] = {form: {} for form in forms}
     for (form, name), nanoseconds in time_tools(loaded, passes).items():
         figures[form][name] = nanoseconds
-    return figures, largest
+    return {"host_plain_ns": figures["host_ns"], **figures}, largest
 
 
 def _count_on_target(tools: Mapping[str, StepTool], states: StepStates) -> dict[str, Count]:
@@ -140,27 +145,36 @@ def _count_on_target(tools: Mapping[str, StepTool], states: StepStates) -> dict[
 
 
 def _print(document: Mapping[str, Any]) -> None:
-    detail, plain = document["ppc750_detail"], document["host_ns"]
-    fused = document["host_fma_ns"] or {}
+    detail, host, plain = (document[k] for k in ("ppc750_detail", "host_ns", "host_plain_ns"))
     rows = []
-    for name in plain:
+    for name in host:
         count = detail.get(name)
         cells = [count[k] for k in _COLUMNS] if count else ["-"] * len(_COLUMNS)
-        rows.append([name, *cells, f"{plain[name]:.1f}", f"{fused[name]:.1f}" if fused else "-"])
+        ratio = document["host_ratios"][name]
+        rows.append([name, *cells, f"{host[name]:.1f}", f"{ratio:.2f}", f"{plain[name]:.1f}"])
     output.table(
         "one control step: instructions on the PowerPC 750, nanoseconds on the host",
-        ("tool", "best", "median", "worst", "text [B]", "stack [B]", "host [ns]", "-mfma [ns]"),
+        ("tool", "best", "median", "worst", "text [B]", "stack [B]", "host [ns]", "ours/it",
+         "plain [ns]"),
         rows,
-    )
+    )  # fmt: skip
     output.table(
         "one control step in Python",
         ("call", "ns a step"),
         [[n, "-" if v is None else f"{v:.1f}"] for n, v in document["python_ns"].items()],
     )
-    ratio, host_ratio = document["ratio_to_casadi"], document["host_ratio_to_casadi"]
+    ratio, host_ratio = document["ratio_to_casadi"], document["host_ratios"]["casadi"]
     output.out.print(
         f"ours / casadi: {ratio:.3f} in instructions on the PowerPC 750, {host_ratio:.3f} in time "
         "on the host"
+    )
+    python = document["python_ns"]
+    quotients = {
+        n: python[n] / python["numpy_vectorised"] for n in ("lambdify_loop", "lambdify_math_loop")
+    }
+    output.out.print(
+        "numpy_vectorised is faster than "
+        + " and ".join(f"{n} {q:.0f} times" for n, q in quotients.items())
     )
     if document["missing"]:
         output.out.print(f"not installed, left out: {', '.join(document['missing'])}")

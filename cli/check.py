@@ -40,7 +40,13 @@ def verification(
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
     from pfaffian.derive.verify.compare import verify
-    from pfaffian.runtime.generated_model import host_model, open_generated, ppc750_model
+    from pfaffian.derive.verify.unit import SINGLE_UNIT, UNITS
+    from pfaffian.runtime.generated_model import (
+        host_model,
+        open_generated,
+        ppc750_model,
+        twice_rounding_model,
+    )
     from pfaffian.runtime.subjects import MachineSubject, PythonSubject
 
     source = find_model(reference)
@@ -53,11 +59,19 @@ def verification(
             remedy=f"regenerate it: pfaffian generate {reference} -o {code.path}",
         )
     sets = [s.as_dict() for s in library_sets(model, source)]
-    subjects: list[Subject] = [PythonSubject(code), MachineSubject(host_model(code), "c-host")]
+    unit = UNITS[code.manifest.precision]
+    subjects: list[Subject] = [MachineSubject(host_model(code), "c-host")]
+    witness = None
+    if unit is SINGLE_UNIT:
+        witness = MachineSubject(twice_rounding_model(code), "c-host-rounding-twice")
+    else:  # the module is of double in any folder
+        subjects.insert(0, PythonSubject(code))
     target = MachineSubject(ppc750_model(code), "c-ppc750")
     wanted = min(samples, _TARGET_SAMPLES if target_samples is None else target_samples)
     with output.progress(f"verifying on {samples} samples") as update:
-        found = verify(derivation, model, sets, subjects, target, samples, wanted, update)
+        found = verify(
+            derivation, model, sets, subjects, target, samples, wanted, update, unit, witness
+        )
     return found.as_json()
 
 
@@ -76,7 +90,7 @@ def print_verification(document: Mapping[str, Any]) -> None:
         for f in document["functions"]
     ]
     output.table(
-        "worst error against the symbolic source at 60 digits",
+        f"worst error against the symbolic source at 60 digits, in ulp of {document['precision']}",
         (
             "function",
             "language",
@@ -94,3 +108,14 @@ def print_verification(document: Mapping[str, Any]) -> None:
         f"bit between host and target",
         soft_wrap=True,
     )
+    if document["precision"] == "single":
+        output.out.print(
+            "inputs are singles, drawn until every value on the way is zero or from 2^-126 to "
+            "2^128, every named one larger than the error the limit allows it, and angles that "
+            "are sums within 2^13 rad: "
+            f"{document['beyond']} draws were given up, {document['beyond_near']} of them near "
+            f"the sets; {document['undecided']} samples on a comparison too close to call left "
+            f"out; {document['emulator_roundings']} more samples differ between host and target "
+            "because the emulator rounds a multiply-add of singles twice",
+            soft_wrap=True,
+        )

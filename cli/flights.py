@@ -49,20 +49,31 @@ def fly_host(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:
 
 
 def fly_both(scenario: Scenario) -> tuple[Trajectory, dict[str, Any]]:
-    """Fly on the emulated target and on this machine; return the target's flight."""
+    """Fly on the emulated target and on this machine; return the target's flight.
+
+    Where bits of a flight in single differ, a build that rounds as the emulator does may have the
+    target's: they are then counted as the emulator's.
+    """
     from pfaffian.runtime.flight import differing_bits, fly
-    from pfaffian.runtime.generated_model import host_model, ppc750_model
+    from pfaffian.runtime.generated_model import (
+        host_model,
+        ppc750_model,
+        twice_rounding_model,
+    )
 
     host, target = host_model(scenario.folder), ppc750_model(scenario.folder)
     with output.progress(f"flying {scenario.name} on the emulated PowerPC 750GX") as update:
         there = fly(scenario, target, host, "pil-unicorn", update)
     with output.progress(f"flying {scenario.name} on the host") as update:
         here = fly(scenario, host, host, "host", update)
-    return there, {
-        **flight_document(there),
-        "host_trajectory_sha256": here.sha256(),
-        "differing_bits": differing_bits(here, there),
-    }
+    document = {**flight_document(there), "host_trajectory_sha256": here.sha256()}
+    differing = differing_bits(here, there)
+    if scenario.folder.manifest.precision == "single":
+        witness = fly(scenario, twice_rounding_model(scenario.folder), host, "host")
+        remaining = min(differing, differing_bits(witness, there))
+        document["emulator_bits"] = differing - remaining
+        differing = remaining
+    return there, {**document, "differing_bits": differing}
 
 
 def flight_document(trajectory: Trajectory) -> dict[str, Any]:

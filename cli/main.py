@@ -110,18 +110,26 @@ def generate(
     set_name: SetName = None,
     params: Params = None,
     folder: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL.")
+        Path | None, typer.Option("-o", "--output", help="Default: generated/MODEL[_single].")
     ] = None,
     check: Annotated[bool, typer.Option("--check", help="Only compare; 1 on drift.")] = False,
     bake: Annotated[
         bool, typer.Option("--bake", help="Fold the one parameter set into the step.")
     ] = False,
+    jacobians: Annotated[
+        bool, typer.Option("--jacobians", help="Also derivatives of plant, step and closed loop.")
+    ] = False,
+    batch: Annotated[
+        bool, typer.Option("--batch", help="Also C for many samples at once.")
+    ] = False,
+    precision: Annotated[str, typer.Option(help="Of the C code: double or single.")] = "double",
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
-    from pfaffian.cli.make import generate_files
+    from pfaffian.cli.make import Extras, generate_files
 
-    generate_files(model, set_name, params, folder, check, bake, json)
+    extras = Extras(bake, jacobians, batch, precision)
+    generate_files(model, set_name, params, folder, check, extras, json)
 
 
 @app.command()
@@ -249,6 +257,19 @@ def bench_step(
     from pfaffian.cli.bench_step import bench_step as run_bench
 
     run_bench(states, passes, rows, json)
+
+
+@bench_app.command("batch")
+def bench_batch(
+    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
+    samples: Annotated[int, typer.Option(min=1, help="Samples a call.")] = 1024,
+    passes: Annotated[int, typer.Option(min=1, help="Timed calls of each.")] = 301,
+    json: Json = False,
+) -> None:
+    """Time the batch form beside the scalar functions in a loop, on the same samples."""
+    from pfaffian.cli.bench_batch import bench_batch as run_bench
+
+    run_bench(model, samples, passes, json)
 
 
 @bench_app.command("chain")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,29 +14,56 @@ if TYPE_CHECKING:
     from pfaffian.derive.parameter_set import ParameterSet
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What a generation has beyond the default: a set folded in, derivatives, a batch form.
+
+    These come in double precision only.
+    """
+
+    bake: bool = False
+    jacobians: bool = False
+    batch: bool = False
+    precision: str = "double"
+
+    def check(self) -> None:
+        """Raise `InputError` for what does not come in single precision."""
+        names = [n for n in ("bake", "jacobians", "batch") if getattr(self, n)]
+        if names and self.precision != "double":
+            raise InputError(
+                f"--{names[0]} comes in double precision only",
+                remedy="leave --precision out, or generate it apart",
+            )
+
+
 def generate_files(
     reference: str,
     set_name: str | None,
     params: Path | None,
     folder: Path | None,
     check: bool,
-    bake: bool,
+    extras: Extras,
     as_json: bool,
 ) -> None:
     """Generate a model's files into `folder`, or compare them with what is there."""
     from pfaffian.derive.emit.emitter import Emission
+    from pfaffian.derive.emit.precision import DOUBLE, precision_named
     from pfaffian.derive.generation import generate
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
         StageClock,
+        jacobian_programs,
         library_sets,
         lowered_model,
         parameter_set,
+        single_elementary,
     )
     from pfaffian.derive.writer import drift, write_generation
 
     if set_name and params:
         raise InputError("--set and --params are both given", remedy="give one of them")
+    extras.check()
+    precision = precision_named(extras.precision)
     source = find_model(reference)
     clock = StageClock()
     model = lowered_model(source, clock)
@@ -54,11 +81,17 @@ def generate_files(
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
         )
     clock.record("parameters", since)
+    jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
     since = time.perf_counter()
     with source.blamed():
-        generation = generate(Emission(model, sets, bake))
+        single = {} if precision is DOUBLE else single_elementary()
+        generation = generate(
+            Emission(model, sets, extras.bake, jacobians, extras.batch, precision, single)
+        )
     clock.record("emit", since)
-    target = folder or Path("generated") / source.name
+    target = (
+        folder or Path("generated") / f"{source.name}{'' if precision is DOUBLE else '_single'}"
+    )
     if check:
         _report_drift(drift(generation, target), target, source.name, as_json)
         return
@@ -69,6 +102,7 @@ def generate_files(
         output.emit_json(
             {
                 "model": model.name,
+                "precision": precision.name,
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
+from pfaffian.derive.control_terms import define_trigonometry
 from pfaffian.derive.lagrange import mass_matrix, velocity_forces
 from pfaffian.derive.linear_solve import define_factors, define_solution
 from pfaffian.derive.normal_form import trigonometric_sum
@@ -72,8 +73,7 @@ def chain(links: int) -> Chain:
 def forward_dynamics(plant: Chain) -> Block:
     """Return q'' of `plant`, derived from its energies: M by its coefficients, C q' without C.
 
-    The cosine and sine of each difference of angles come from the links' own by two products each,
-    and M is factored instead of inverted.
+    M is factored instead of inverted.
     """
     n = len(plant.angles)
     builder = BlockBuilder("acceleration", f"chain of {n} links: forward dynamics")
@@ -87,7 +87,7 @@ def forward_dynamics(plant: Chain) -> Block:
     mass = mass_matrix(trigonometric_sum(plant.kinetic_energy), plant.rates, f"chain of {n} links")
     gravity = [plant.potential_energy.diff(q) for q in plant.angles]
     moving = velocity_forces(mass, plant.angles, plant.rates)
-    named = _define_trigonometry(builder, plant, [*mass, *moving, *gravity])
+    named = define_trigonometry(builder, [*mass, *moving, *gravity])
     defined = sp.zeros(n, n)
     for i in range(n):
         for j in range(i, n):
@@ -102,24 +102,3 @@ def forward_dynamics(plant: Chain) -> Block:
     for i, value in enumerate(define_solution(builder, factors, forces, "solved")):
         builder.give(f"ddq{i + 1}", value, "rad/s^2", f"acceleration of q{i + 1}")
     return builder.build()
-
-
-def _define_trigonometry(
-    builder: BlockBuilder, plant: Chain, expressions: list[sp.Expr]
-) -> dict[sp.Basic, sp.Symbol]:
-    """Define sine and cosine of each angle, and of each difference of angles from those."""
-    sine = {q: builder.define(f"sin_{q.name}", sp.sin(q), "") for q in plant.angles}
-    cosine = {q: builder.define(f"cos_{q.name}", sp.cos(q), "") for q in plant.angles}
-    known: dict[sp.Basic, sp.Symbol] = {}
-    known |= {sp.sin(q): s for q, s in sine.items()} | {sp.cos(q): c for q, c in cosine.items()}
-    found = set().union(*(e.atoms(sp.sin, sp.cos) for e in expressions)) - known.keys()
-    for function in sorted(found, key=sp.default_sort_key):
-        a, b = sorted(function.free_symbols, key=plant.angles.index)
-        sign = 1 if function.args[0] == a - b else -1
-        if isinstance(function, sp.cos):
-            value, name = cosine[a] * cosine[b] + sine[a] * sine[b], f"cos_{a.name}_{b.name}"
-        else:
-            value, name = sine[a] * cosine[b] - cosine[a] * sine[b], f"sin_{a.name}_{b.name}"
-            value *= sign
-        known[function] = builder.define(name, value, "")
-    return known

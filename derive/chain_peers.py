@@ -13,12 +13,13 @@ import casadi as ca
 import sympy as sp
 from pfaffian.derive.chain import Chain, chain, forward_dynamics
 from pfaffian.derive.lowering import ToCasadi, lower, lower_graph
+from pfaffian.derive.optimise.passes import optimised
 from pfaffian.derive.program import Program
 
 
 def ours(links: int) -> Program:
     """Derive and lower with this package."""
-    return lower(forward_dynamics(chain(links)))
+    return optimised(lower(forward_dynamics(chain(links))))
 
 
 def casadi_alone(links: int) -> Program:

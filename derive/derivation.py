@@ -119,15 +119,20 @@ def check_dimensions(spec: ModelSpec) -> None:
             )
 
 
+def writes_rows_out(dynamics: Dynamics) -> bool:
+    """Return whether A D is written out in the plant's own symbols, as M is small or diagonal."""
+    return dynamics.mass_matrix.rows <= SMALL or bool(dynamics.mass_matrix.is_diagonal())
+
+
 def _constraint_rows(dynamics: Dynamics, constraint: Constraint) -> tuple[sp.Matrix, sp.Expr]:
     """Return (R, d) with A D = R/d: written out for a small M, else in the names ad11, ...
 
     Written out, the adjugate of a larger mass matrix fills pages that nobody reads.
     """
-    m, n = constraint.jacobian.shape
-    if n <= SMALL or dynamics.mass_matrix.is_diagonal():
+    if writes_rows_out(dynamics):
         adjugate = dynamics.mass_matrix.adjugate()
         return constraint.jacobian * adjugate, sp.expand(dynamics.mass_matrix.det())
+    m, n = constraint.jacobian.shape
     names = [f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}" for r in range(m) for i in range(n)]
     return sp.Matrix(m, n, [sp.Symbol(name, real=True) for name in names]), sp.S.One
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
+from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.jacobian import emit_jacobian
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
 from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
@@ -25,7 +27,8 @@ class Generation:
 def generate(emission: Emission) -> Generation:
     """Emit every file of `emission`: code, readable derivation and manifest."""
     files: dict[str, str] = dict(emission.model.documents)
-    for emitter in EMITTERS:
+    on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
+    for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
     digests = {
         path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())
@@ -35,7 +38,7 @@ def generate(emission: Emission) -> Generation:
 
 
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
-    model = emission.model
+    model, real = emission.model, emission.precision.real
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -50,8 +53,8 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model, emission.step, emission.prepare),
-        parameters=tuple(Field(p.name, "double", p.unit, p.description) for p in model.parameters),
+        structures=structures_of(model, real, emission.step, emission.prepare),
+        parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
         domain=domain,
@@ -59,4 +62,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         | {"step": emission.operations()},
         baked=emission.sets[0].name if emission.bake else "",
         files=digests,
+        precision=emission.precision.name,
     )

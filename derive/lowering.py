@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 import sympy as sp
-from pfaffian.derive.block import Block
+from pfaffian.derive.block import Block, Definition
 from pfaffian.derive.functions import side
 from pfaffian.derive.program import Instruction, Op, Program, Signal
 from sympy.codegen.cfunctions import expm1
@@ -205,6 +205,30 @@ def lower_graph(
         tuple(Signal(n, "", "", "output") for n in outputs),
         results,
     )
+
+
+def program_of_graph(
+    name: str,
+    title: str,
+    inputs: Mapping[Signal, Any],
+    definitions: Sequence[tuple[Definition, Any]],
+    outputs: Mapping[Signal, Any],
+) -> Program:
+    """Lower a graph given by scalar inputs and outputs; definitions name what they compute."""
+    shared = ca.cse([*(graph for _, graph in definitions), *outputs.values()])
+    function = ca.Function(
+        "f", [ca.vertcat(*inputs.values())], [ca.vertcat(*shared)], {"cse": False}
+    )
+    tape, leaving = _read_tape(function, len(inputs), len(shared))
+    for (definition, _), index in zip(definitions, leaving, strict=False):
+        if tape[index].op not in (Op.INPUT, Op.CONST) and not tape[index].name:
+            comment = definition.description + (f" [{definition.unit}]" if definition.unit else "")
+            tape[index] = replace(tape[index], name=definition.symbol.name, comment=comment)
+    for i, signal in enumerate(inputs):
+        tape[i] = replace(tape[i], name=signal.name)
+    tape, results = _select_from_masks(tape, tuple(leaving[len(definitions) :]))
+    instructions, results = _without_dead(tape, results)
+    return Program(name, title, tuple(inputs), tuple(instructions), tuple(outputs), results)
 
 
 def _read_tape(function: Any, n_in: int, n_out: int) -> tuple[list[Instruction], list[int]]:

@@ -8,17 +8,20 @@ come from the cache and neither is loaded.
 
 from __future__ import annotations
 
+import json
 import pickle
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
 from pfaffian.derive.parameter_set import ParameterSet, resolve_set
 from pfaffian.derive.parameters import read_set
+from pfaffian.derive.program import Program, program_from_json, program_to_json
 from pfaffian.runtime.cache import cached, digest
 
 if TYPE_CHECKING:
@@ -71,6 +74,10 @@ _LOWERING_CODE = (
     "optimise/tape",
     "render",
 )
+#: What derivatives depend on besides.
+_JACOBIAN_CODE = ("jacobian",)
+#: What the coefficients of single precision depend on; no model plays a part.
+_SINGLE_CODE = ("elementary", "elementary_fit", "elementary_single", "elementary_tables")
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 
@@ -136,6 +143,40 @@ def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> Lower
         clock.record("lower", since)
         clock.seconds["lower"] -= clock.seconds.get("derive", 0.0)
     return model
+
+
+def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> tuple[Program, ...]:
+    """Return the derivatives of the model in `folder`, from the cache where they are known.
+
+    They are a stage of their own: who does not ask for them does not pay for them.
+    """
+    since = time.perf_counter()
+    key = digest(derivation_key(folder).encode(), *_code((*_LOWERING_CODE, *_JACOBIAN_CODE)))
+
+    def compute() -> bytes:
+        from pfaffian.derive.jacobian import jacobian_programs_of
+
+        with folder.blamed():
+            found = jacobian_programs_of(derivation_of(folder))
+        return json.dumps([program_to_json(p) for p in found], separators=(",", ":")).encode()
+
+    programs = json.loads(cached("jacobian", key, compute))
+    if clock:
+        clock.record("differentiate", since)
+    return tuple(program_from_json(p) for p in programs)
+
+
+def single_elementary() -> Mapping[str, Any]:
+    """Return the coefficients of single precision's elementary functions, cached likewise."""
+    key = digest(version("mpmath").encode(), *_code(_SINGLE_CODE))
+
+    def compute() -> bytes:
+        from pfaffian.derive.elementary_single import single_render_context
+
+        return json.dumps(single_render_context(), sort_keys=True).encode()
+
+    known: dict[str, Any] = json.loads(cached("elementary-single", key, compute))
+    return known
 
 
 def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> ParameterSet:

@@ -50,6 +50,11 @@ class Op(StrEnum):
 #: The input that holds the time of a time-varying constraint.
 TIME_NAME = "time"
 
+#: Marks the plant's own parameters where controller and plant meet, as the two may differ; their
+#: group there.
+PLANT_PREFIX = "plant_"
+PLANT_PARAMETER = "plant_parameter"
+
 #: Operators whose value is a truth value (0 or 1), never a number of the plant.
 LOGICAL = frozenset({Op.LESS, Op.LESS_EQUAL, Op.EQUAL, Op.NOT, Op.AND, Op.OR})
 

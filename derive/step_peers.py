@@ -1,6 +1,6 @@
 """One control step by several tools, each as C with the same adapter around it, for the benchmark.
 
-All of them get the block `step` of the same derivation; the two written by hand are the law as an
+All of them get the block `step` of the same derivation; those written by hand are the law as an
 engineer writes it. What differs is the code.
 """
 
@@ -30,6 +30,8 @@ _HAND_PARAMETERS = (
     *("eta", "kappa", "epsilon", "q1d", "q2d", "sample_time", "torque_limit"),
     *("singular_threshold", "leakage_decay", "adaptation_step"),
 )
+#: Members of `hand_output_t`.
+_HAND_OUTPUT = ("tau", "p1", "p2", "p3", "s", "beta", "adb")
 #: Members of `hand_state_t` that are compared.
 _HAND_STATE = ("constraint_offset", "drift_previous", "bound_estimate")
 #: How the step of a tool over arrays is called.
@@ -218,27 +220,43 @@ def _in_order(
     return list(done.items())
 
 
-def by_hand(block: Block, folder: GeneratedFolder, *, libm: bool) -> StepTool:
-    """Return the step written by hand, on libm or on our elementary functions."""
+def by_hand(
+    block: Block, folder: GeneratedFolder, *, libm: bool = False, checked: bool = False
+) -> StepTool:
+    """Return the step written by hand, on libm or on our elementary functions.
+
+    `checked` gives it the contract of the generated step: ranges, finite results, status, outputs.
+    """
     bench = files("pfaffian.templates").joinpath("bench")
     sources = {n: bench.joinpath(n).read_text(encoding="utf-8") for n in ("hand.c", "hand.h")}
-    sources["adapter.c"] = _hand_adapter(block).text(block)
-    units, entry, taken = ("hand.c",), "hand_step", ("tau", *_HAND_STATE)
+    adapter, taken = _hand_adapter(block, checked), ("tau", *_HAND_STATE)
+    sources["adapter.c"] = adapter.text(block)
+    units, entry = ("hand.c",), "hand_step"
     if libm:
         sources["hand.c"] = "#define HAND_LIBM\n" + sources["hand.c"]
         return StepTool("hand_libm", sources, units, entry, taken, libm=True)
-    return StepTool("hand", {**sources, **_elementary(folder)}, units, entry, taken)
+    sources |= _elementary(folder)
+    if checked:
+        sources["hand.h"] = "#define HAND_CHECKED\n" + sources["hand.h"]
+        return StepTool("hand_checked", sources, units, entry, (*_HAND_OUTPUT, *_HAND_STATE))
+    return StepTool("hand", sources, units, entry, taken)
 
 
-def _hand_adapter(block: Block) -> Adapter:
+def _hand_adapter(block: Block, checked: bool) -> Adapter:
     given, constants = given_names(block), constant_names(block)
     measured = tuple(n for n in given if n not in ("engaged", *_HAND_STATE))
+    results = [f"output[i].{n}" for n in _HAND_OUTPUT] if checked else ["torque[i]"]
+    results += [f"state[i].{n}" for n in _HAND_STATE]
     return Adapter(
         declarations=('#include "hand.h"',),
         storage=(
             "static hand_state_t state[CAPACITY];",
             "static hand_input_t input[CAPACITY];",
-            "static double torque[CAPACITY];",
+            *(
+                ("static hand_output_t output[CAPACITY];", "static int status[CAPACITY];")
+                if checked
+                else ("static double torque[CAPACITY];",)
+            ),
             "static hand_law_t law;",
         ),
         prepare=(
@@ -251,11 +269,12 @@ def _hand_adapter(block: Block) -> Adapter:
             *(f"state[i].{n} = given[{given.index(n)}];" for n in _HAND_STATE),
             f"state[i].engaged = (uint32_t)given[{given.index('engaged')}];",
         ),
-        call=("(void)hand_step(&state[i], &law, &input[i], &torque[i]);",),
-        store=(
-            "taken[0] = torque[i];",
-            *(f"taken[{k + 1}] = state[i].{n};" for k, n in enumerate(_HAND_STATE)),
+        call=(
+            "status[i] = hand_step(&state[i], &law, &input[i], &output[i]);"
+            if checked
+            else "(void)hand_step(&state[i], &law, &input[i], &torque[i]);",
         ),
+        store=tuple(f"taken[{k}] = {result};" for k, result in enumerate(results)),
     )
 
 
@@ -301,5 +320,6 @@ PEERS: dict[str, Make] = {
     "casadi": lambda block, *_: casadi_step(block),
     "sympy": lambda block, *_: sympy_step(block),
     "hand_libm": lambda block, folder, _: by_hand(block, folder, libm=True),
-    "hand": lambda block, folder, _: by_hand(block, folder, libm=False),
+    "hand": lambda block, folder, _: by_hand(block, folder),
+    "hand_checked": lambda block, folder, _: by_hand(block, folder, checked=True),
 }

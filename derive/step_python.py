@@ -1,9 +1,10 @@
-"""One control step in Python: the generated NumPy module, and SymPy's lambdify, timed."""
+"""One control step in Python, timed: the NumPy module, compiled C behind it, SymPy's lambdify."""
 
 from __future__ import annotations
 
 import statistics
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import sympy as sp
 from pfaffian.derive.block import Block
 from pfaffian.derive.step_peers import shared_assignments
+from pfaffian.runtime.compiled import compiled_model
 from pfaffian.runtime.generated_model import GeneratedFolder
 from pfaffian.runtime.step_bench import StepStates, check_agreement
 
@@ -18,6 +20,8 @@ Array = np.ndarray[Any, Any]
 
 #: How often each is timed; the median counts.
 _RUNS = 5
+#: Calls of the compiled controller that are timed together.
+_CALLS = 10_000
 
 
 def python_steps(
@@ -30,33 +34,65 @@ def python_steps(
     """Return nanoseconds a step by way of calling it.
 
     `numpy_vectorised` is one call over `rows` states, `lambdify_loop` SymPy's lambdify (for NumPy,
-    as by default, and for the module math) called once a state. `compiled_call` is one call of the
-    compiled step through Python: None, as there is no such path yet. Raises `CheckError` where
-    they do not agree.
+    as by default, and for the module math) called once a state. `compiled_vectorised` is one call
+    of the compiled model over `rows` states, `compiled_call` one call of its controller in a loop;
+    both are None without a C compiler. Raises `CheckError` where they do not agree.
     """
-    vectorised = _numpy_step(folder, states, parameters, rows)
+    with warnings.catch_warnings():  # that there is no compiler shows in the figures
+        warnings.simplefilter("ignore", RuntimeWarning)
+        model = compiled_model(folder.path)
+    calls = {"numpy_vectorised": _vectorised(model.module, folder, states, parameters, rows)}
+    if model.compiled:
+        calls["compiled_vectorised"] = _vectorised(model, folder, states, parameters, rows)
     loops = {
         "lambdify_loop": _lambdified(block, states, "numpy"),
         "lambdify_math_loop": _lambdified(block, states, "math"),
     }
-    results = {"numpy_vectorised": {n: v[: len(states.given)] for n, v in vectorised().items()}}
+    count = len(states.given)
+    results = {c: {n: v[:count] for n, v in call().items()} for c, call in calls.items()}
     for name, loop in loops.items():
         table = np.array(loop(), float)
         results[name] = {
             s.name: table[:, k] for k, s in enumerate(block.outputs) if s.group != "flag"
         }
     check_agreement(results, "Python", "numpy_vectorised")
-    figures: dict[str, float | None] = {"numpy_vectorised": _median_ns(vectorised, rows)}
-    figures |= {n: _median_ns(loop, len(states.given)) for n, loop in loops.items()}
-    return {**figures, "compiled_call": None}
+    figures: dict[str, float | None] = dict.fromkeys(("compiled_vectorised", "compiled_call"))
+    figures |= {n: _median_ns(call, rows) for n, call in calls.items()}
+    figures |= {n: _median_ns(loop, count) for n, loop in loops.items()}
+    if model.compiled:
+        controller = model.Controller(model.Params(**_chosen(folder, "params", parameters)))
+        figures["compiled_call"] = _median_ns(_controlled(controller, folder, states), _CALLS)
+    return figures
 
 
-def _numpy_step(
-    folder: GeneratedFolder, states: StepStates, parameters: Mapping[str, float], rows: int
+def _chosen(folder: GeneratedFolder, role: str, values: Mapping[str, float]) -> dict[str, float]:
+    return {n: values[n] for n in folder.manifest.structures[role].names()}
+
+
+def _controlled(controller: Any, folder: GeneratedFolder, states: StepStates) -> Callable[[], None]:
+    """Return a plain loop of `_CALLS` steps of the controller over what was measured."""
+    names = folder.manifest.structures["input"].names()
+    measured = np.column_stack([states.column(n) for n in names]).tolist()
+    given = [tuple(row) for row in measured * (-(-_CALLS // len(measured)))][:_CALLS]
+
+    def steps() -> None:
+        step = controller.step
+        for q in given:
+            step(*q)
+
+    return steps
+
+
+def _vectorised(
+    module: Any,
+    folder: GeneratedFolder,
+    states: StepStates,
+    parameters: Mapping[str, float],
+    rows: int,
 ) -> Callable[[], dict[str, Array]]:
-    """Return the generated module's step over `rows` states, which repeat those given."""
-    module, structures = folder.python_module(), folder.manifest.structures
-    params = module.Params(**{n: parameters[n] for n in structures["params"].names()})
+    """Return the step of `module` over `rows` states, which repeat those given."""
+    structures = folder.manifest.structures
+    params = module.Params(**_chosen(folder, "params", parameters))
     started = vars(module.init(params)[0])
     repeat = -(-rows // len(states.given))
     column = {n: np.tile(states.column(n), repeat)[:rows] for n in states.names}

@@ -44,7 +44,7 @@ class Trajectory:
 
     def errors(self) -> dict[str, np.ndarray[Any, Any]]:
         """Return q - q_d (N,) by coordinate."""
-        return {q: self.measured[q] - qd for q, qd in self.scenario.setpoint.items()}
+        return {q: self.measured[q].astype(float) - qd for q, qd in self.scenario.setpoint.items()}
 
 
 def fly(
@@ -63,9 +63,9 @@ def fly(
     output, status = controller.records("output"), np.zeros(1, np.int32)
     plant_params = fill_records(plant.records("plant_params"), dict(scenario.plant))
     plant_state = fill_records(plant.records("plant_state"), dict(scenario.initial))
-    applied, energy = plant.records("plant_input"), np.zeros(1)
+    applied, energy = plant.records("plant_input"), plant.reals([0.0])
     timed = "time" in (measured.dtype.names or ())
-    step = np.array([scenario.sample_time / scenario.plant_substeps])
+    step = plant.reals([scenario.sample_time / scenario.plant_substeps])
     controller.init(state, params, status)
     for k in range(n):
         for name in plant_state.dtype.names or ():

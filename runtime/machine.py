@@ -62,6 +62,12 @@ class HostMachine:
         ]
         return int(entry(*passed))
 
+    def entry(self, function: str) -> Callable[..., int]:
+        """Return `function` itself, which takes ctypes values and returns a C int."""
+        entry = self._library[function]  # an object of its own: `call` declares another result
+        entry.restype = ctypes.c_int
+        return entry
+
 
 class Ppc750Machine:
     """The image in an emulated PowerPC 750GX, 32-bit big-endian, without an operating system."""

@@ -26,12 +26,14 @@ ROLES = (
     "plant_rate",
 )
 #: C types of structure members, by the NumPy type of their bytes.
-MEMBER_TYPES = {"double": "f8", "uint32_t": "u4"}
+MEMBER_TYPES = {"double": "f8", "float": "f4", "uint32_t": "u4"}
+#: The NumPy type of a real number by the precision of the C code.
+REAL_TYPES = {"double": "f8", "single": "f4"}
 
 
 @dataclass(frozen=True)
 class Field:
-    """A structure member: name, C type (`double` or `uint32_t`), unit and meaning."""
+    """A structure member: name, C type (`double`, `float` or `uint32_t`), unit and meaning."""
 
     name: str
     type: str
@@ -77,6 +79,12 @@ class Manifest:
     operations: Mapping[str, int]
     baked: str
     files: Mapping[str, str]
+    precision: str = "double"
+
+    @property
+    def real(self) -> str:
+        """Return the NumPy type of a real number of the C code."""
+        return REAL_TYPES[self.precision]
 
     def to_json(self) -> str:
         """Return the manifest as JSON; floats are written so that they read back to the bit."""
@@ -100,6 +108,8 @@ def read_manifest(folder: Path) -> Manifest:
             document[key] = tuple(document[key])
         manifest = Manifest(structures=structures, **document)
         _check_structures(structures)
+        if manifest.precision not in REAL_TYPES:
+            raise ValueError(f"unknown precision {manifest.precision}")
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror})",

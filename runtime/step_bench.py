@@ -6,7 +6,6 @@ built with BENCH_TIMED, `bench_time`; the states go in and out as rows of double
 
 from __future__ import annotations
 
-import platform
 import statistics
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ from pfaffian.runtime.toolchain import (
     host_target,
     ppc750_libm_target,
     ppc750_target,
+    processor_has_fma,
 )
 
 Array = np.ndarray[Any, Any]
@@ -239,12 +239,6 @@ def time_tools(loaded: Mapping[Key, ToolOnMachine], passes: int) -> dict[Key, fl
     return {key: statistics.median(values) for key, values in seen.items()}
 
 
-def host_has_fma() -> bool:
-    """Return whether this is an x86 with the fused multiply-add."""
-    if platform.machine().lower() not in ("x86_64", "amd64"):
-        return False
-    try:
-        words = Path("/proc/cpuinfo").read_text(encoding="utf-8").split()
-    except OSError:
-        return False
-    return "fma" in words
+def host_flags() -> tuple[str, ...]:
+    """Return the flag that gives every tool the processor's fused multiply-add, if it has one."""
+    return ("-mfma",) if processor_has_fma() else ()

@@ -81,10 +81,10 @@ class MachineSubject:
         return _columns(rate)
 
     def _energy(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
-        energy = np.zeros(count)
+        energy = self.model.reals(np.zeros(count))
         params, state = (self._filled(r, values, count) for r in ("plant_params", "plant_state"))
         self.model.energy(params, state, energy)
-        return {"energy": energy}
+        return {"energy": energy.astype(float)}
 
 
 class PythonSubject:

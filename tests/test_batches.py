@@ -40,7 +40,7 @@ def broken_copy(tmp_path, change):
     "change",
     [
         lambda d: d["structures"].pop("params"),
-        lambda d: d["structures"]["state"]["fields"][0].update(type="float"),
+        lambda d: d["structures"]["state"]["fields"][0].update(type="half"),
     ],
     ids=["a role is missing", "a type is unknown"],
 )

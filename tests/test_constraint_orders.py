@@ -218,6 +218,7 @@ TRACKING = (
 )
 
 
+@pytest.mark.target
 def test_a_moving_reference_is_followed_and_the_time_is_an_input(tmp_path, run):
     """Cart and pole, both driven, follow a sine and a cosine for ten seconds."""
     folder = written(
@@ -271,6 +272,7 @@ ENERGY = (
 )
 
 
+@pytest.mark.target
 def test_a_residual_that_holds_the_energy_is_nonlinear_in_the_velocities(tmp_path, run):
     gains = 'w = "0.590833 m"\nk = "2 1/s"\nv = "2.635 m/s"\nh = "0.05 s/kg/m"\n' + STABILISED
     folder = written(tmp_path, ENERGY, gains)

@@ -17,6 +17,9 @@ Box = Mapping[str, tuple[float, float]]
 GAP = 5e-3
 _BATCH = 2048
 _MOST_PASSES = 150
+#: Instructions evaluated on boxes after which a search stops with the bound it has: more dimensions
+#: need more boxes than anybody waits for.
+_MOST_WORK = 300_000_000
 
 
 @dataclass(frozen=True)
@@ -150,6 +153,7 @@ class _Search:
         self.low = np.array([[box[n][0] for n in self.names]])
         self.high = np.array([[box[n][1] for n in self.names]])
         self.best, self.count = -np.inf, 0
+        self._cost = len(objective.program.instructions)
         self.upper = self._bound(self.low, self.high)
 
     def run(self) -> Extremum:
@@ -160,7 +164,7 @@ class _Search:
             hopeful = self.upper > self.best + GAP * abs(self.best)
             settled = max(settled, float(self.upper[~hopeful].max(initial=-np.inf)))
             self._keep(hopeful)
-            if not len(self.upper):
+            if not len(self.upper) or self.count * self._cost > _MOST_WORK:
                 break
             self._advance()
         bound = max(settled, self.best, float(self.upper.max(initial=-np.inf)))

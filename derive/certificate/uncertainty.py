@@ -5,11 +5,12 @@ from __future__ import annotations
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.control_terms import numbered
-from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.derivation import Derivation, writes_rows_out
 from pfaffian.derive.lowering import lower
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.program import Program
 from pfaffian.derive.spec import symbol_of
+from pfaffian.runtime.errors import InputError
 
 _GROUPS = ("lumped", "plant", "synthesised", "gain", "uncertainty")
 #: The output with det ADB, which only several actuators have beside `adb`.
@@ -55,6 +56,12 @@ def assumption_block(derivation: Derivation) -> Block:
     determinant.
     """
     spec = derivation.spec
+    if not writes_rows_out(derivation.dynamics):
+        raise InputError(
+            f"model {spec.name}: no certificate for a plant of {len(spec.coordinates)} coupled "
+            "coordinates: ADB and Fhat, written out, are too large to be bounded",
+            remedy="certify a plant of two coordinates, or one with a diagonal mass matrix",
+        )
     several = len(spec.actuators) > 1
     builder = BlockBuilder("assumptions", f"{spec.title}: assumptions 1 and 2")
     for c in spec.coordinates:

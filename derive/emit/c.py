@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from pfaffian.derive.emit.emitter import (
-    ELEMENTARY_FILES,
     Emission,
     comment_text,
     fill,
@@ -19,63 +18,16 @@ from pfaffian.derive.emit.emitter import (
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.precision import DOUBLE, Precision
+from pfaffian.derive.emit.precision import c_literal as c_literal
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.ranges import Range, unbounded
-from pfaffian.derive.program import Op, Program, Signal, restricted
+from pfaffian.derive.program import Program, Signal, restricted
 from pfaffian.runtime.manifest import ABI_VERSION, Structure
 
 _WIDTH = 100
-
-
-def c_literal(value: float) -> str:
-    """Return a C literal that reads back to the same bits."""
-    text = repr(value)
-    return text if any(c in text for c in ".en") else f"{text}.0"
-
-
-DIALECT = Dialect(
-    patterns={
-        Op.FMA: "pf_fma({0}, {1}, {2})",
-        Op.FMS: "pf_fms({0}, {1}, {2})",
-        Op.FNMS: "pf_fnms({0}, {1}, {2})",
-        Op.ABS: "pf_abs({0})",
-        Op.SIGN: "pf_sign({0})",
-        Op.MIN: "pf_min({0}, {1})",
-        Op.MAX: "pf_max({0}, {1})",
-        Op.SQRT: "pf_sqrt({0})",
-        Op.SIN: "pf_sin({0})",
-        Op.COS: "pf_cos({0})",
-        Op.ATAN: "pf_atan({0})",
-        Op.EXP: "pf_exp({0})",
-        Op.EXPM1: "pf_expm1({0})",
-        Op.TANH: "pf_tanh({0})",
-        Op.LESS: "({0} < {1})",
-        Op.LESS_EQUAL: "({0} <= {1})",
-        Op.NOT: "(!{0})",
-        Op.AND: "({0} && {1})",
-        Op.OR: "({0} || {1})",
-        Op.SELECT: "({0} ? {1} : {2})",
-    },
-    literal=c_literal,
-    sincos="pf_sincos",
-    truths={"engaged": ""},
-)
-
-
-#: The step calls what it needs often as inline functions: same bits, no call.
-INLINE = replace(
-    DIALECT,
-    patterns={
-        **DIALECT.patterns,
-        Op.SQRT: "pf_sqrt_inline({0})",
-        Op.ATAN: "pf_atan_inline({0})",
-    },
-    sincos="pf_sincos_inline",
-    plain={Op.SQRT: "pf_sqrt_normal_inline({0})"},
-    plain_sincos="pf_sincos_within_inline",
-)
 
 
 @dataclass(frozen=True)
@@ -86,7 +38,7 @@ class Body:
     results: dict[str, str]
 
 
-def _wrap(line: str, indent: str = "    ") -> list[str]:
+def wrap_line(line: str, indent: str = "    ") -> list[str]:
     """Break a statement at spaces so that it fits the width; continuation lines are indented."""
     return textwrap.wrap(
         line,
@@ -98,28 +50,28 @@ def _wrap(line: str, indent: str = "    ") -> list[str]:
     )
 
 
-def _statement_lines(statement: Statement) -> list[str]:
+def _statement_lines(statement: Statement, real: str) -> list[str]:
     if statement.kind == "sincos":
         sine, cosine = statement.name, statement.cosine
         return [
-            f"    double {sine};",
-            f"    double {cosine};",
+            f"    {real} {sine};",
+            f"    {real} {cosine};",
             f"    {statement.function}({statement.expression}, &{sine}, &{cosine});",
         ]
-    kind = "int" if statement.kind == "truth" else "double"
+    kind = "int" if statement.kind == "truth" else real
     code = f"const {kind} {statement.name} = {statement.expression};"
     text = comment_text(statement.comment)
     comment = f" /* {text} */" if text else ""
     if len(code) + len(comment) + 4 <= _WIDTH:
         return [f"    {code}{comment}"]
     above = [f"    /* {text} */"] if text else []
-    return above + _wrap(code)
+    return above + wrap_line(code)
 
 
 def body_of(
     program: Program,
     member: Callable[[int, Signal], str],
-    dialect: Dialect = DIALECT,
+    dialect: Dialect = DOUBLE.dialect,
     bounds: Mapping[str, Range] | None = None,
 ) -> Body:
     """Return the body of `program`; `member` says where input number k is read from.
@@ -140,16 +92,17 @@ def body_of(
     statements, results = statements_of(program, dialect, inputs=direct, bounds=bounds)
     waiting = [n for n in places if n not in direct and n not in truths]
     lines: list[str] = []
+    real = dialect.real
     for statement in statements:
         words = set(re.findall(r"\w+", statement.expression))
-        lines += [f"    const double {n} = {places[n]};" for n in waiting if n in words]
+        lines += [f"    const {real} {n} = {places[n]};" for n in waiting if n in words]
         waiting = [n for n in waiting if n not in words]
-        lines += _statement_lines(statement)
-    lines += [f"    const double {n} = {places[n]};" for n in waiting]
+        lines += _statement_lines(statement, real)
+    lines += [f"    const {real} {n} = {places[n]};" for n in waiting]
     return Body(tuple(lines), results)
 
 
-def _pointers(**sources: str) -> Callable[[int, Signal], str]:
+def pointers(**sources: str) -> Callable[[int, Signal], str]:
     """Return a reader of structure members: each input group through its own pointer."""
     return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
 
@@ -163,14 +116,14 @@ def _member_lines(structure: Structure) -> list[str]:
 
 
 def _set_contexts(emission: Emission, structure: Structure) -> list[dict[str, object]]:
-    units = {f.name: f.unit for f in structure.fields}
+    units, literal = {f.name: f.unit for f in structure.fields}, emission.precision.literal
     return [
         {
             "name": f"{emission.model.name}_params_{snake(s.name)}",
             "title": comment_text(s.title),
             "source": textwrap.wrap(comment_text(s.source), 90),
             "members": [
-                {"name": n, "literal": c_literal(s.as_dict()[n]), "unit": comment_text(units[n])}
+                {"name": n, "literal": literal(s.as_dict()[n]), "unit": comment_text(units[n])}
                 for n in structure.names()
             ],
         }
@@ -178,17 +131,16 @@ def _set_contexts(emission: Emission, structure: Structure) -> list[dict[str, ob
     ]
 
 
-def _bounds(model: LoweredModel, structure: Structure) -> list[str]:
+def _bounds(model: LoweredModel, structure: Structure, precision: Precision) -> list[str]:
     """Return one C condition a parameter: within its declared bounds, false for NaN."""
     declared = {p.name: p for p in model.parameters}
     rows = []
     for name in structure.names():
         p = declared[name]
         relation = ">" if p.lower_open else ">="
-        rows.append(
-            f"(params->{name} {relation} {c_literal(finite_bound(p.lower))}) && "
-            f"(params->{name} <= {c_literal(finite_bound(p.upper))})"
-        )
+        lower = precision.literal(precision.at_least(finite_bound(p.lower)))
+        upper = precision.literal(precision.at_most(finite_bound(p.upper)))
+        rows.append(f"(params->{name} {relation} {lower}) && (params->{name} <= {upper})")
     return rows
 
 
@@ -196,34 +148,37 @@ def _fixed(emission: Emission, structure: Structure) -> list[str]:
     """Return one C condition a parameter whose value is folded into the step."""
     if not emission.bake:
         return []
-    values = emission.sets[0].as_dict()
+    values = {n: c_literal(v) for n, v in emission.sets[0].values}
     return [
-        f"(params->{n} >= {c_literal(values[n])}) && (params->{n} <= {c_literal(values[n])})"
-        for n in structure.names()
+        f"(params->{n} >= {values[n]}) && (params->{n} <= {values[n]})" for n in structure.names()
     ]
 
 
-def _domain(model: LoweredModel) -> list[str]:
+def domain(model: LoweredModel, precision: Precision = DOUBLE) -> list[str]:
     """Return one C condition a measurement: inside its domain, false for NaN."""
+    f, literal, at_most = precision.suffix, precision.literal, precision.at_most
     return [
-        f"(pf_abs(input->{name}) < {c_literal(bound)})" for name, bound in measured_bounds(model)
+        f"(pf_abs{f}(input->{name}) < {literal(at_most(bound))})"
+        for name, bound in measured_bounds(model)
     ]
 
 
 def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
-    structures = structures_of(model, emission.step, emission.prepare)
-    controller = _pointers(
+    precision = emission.precision
+    structures = structures_of(model, precision.real, emission.step, emission.prepare)
+    controller = pointers(
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
     program, checks = with_checks(emission.step)
-    step = body_of(program, controller, INLINE, input_bounds(model))
+    step = body_of(program, controller, precision.inline, input_bounds(model))
     prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
-    plant = _pointers(input="state", torque="input", parameter="params")
+    plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
+        **precision.names(),
         "abi": ABI_VERSION,
         "model": model.name,
         "guard": model.name.upper(),
@@ -235,32 +190,32 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
         "sets": _set_contexts(emission, structures["params"]),
         "parameter_bounds": [
-            *_bounds(model, structures["params"]),
+            *_bounds(model, structures["params"], precision),
             *_fixed(emission, structures["params"]),
         ],
         "baked": [
-            {"name": n, "literal": c_literal(v)}
+            {"name": n, "literal": precision.literal(v)}
             for n, v in (emission.baked.constants if emission.baked else ())
         ],
-        "domain": _domain(model),
+        "domain": domain(model, precision),
         "actuators": [a.name for a in model.actuators],
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],
-        "prepare": body_of(restricted(prepare, "prepared"), controller),
+        "prepare": body_of(restricted(prepare, "prepared"), controller, precision.dialect),
         "unbounded": unbounded(prepare, input_bounds(model)),
-        "start": body_of(restricted(prepare, "state"), controller),
-        "continuous": body_of(model.program("continuous"), controller),
-        "acceleration": body_of(model.program("acceleration"), plant),
-        "energy": body_of(model.program("energy"), plant),
+        "start": body_of(restricted(prepare, "state"), controller, precision.dialect),
+        "continuous": body_of(model.program("continuous"), controller, precision.dialect),
+        "acceleration": body_of(model.program("acceleration"), plant, precision.dialect),
+        "energy": body_of(model.program("energy"), plant, precision.dialect),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
-    elementary = {"header": header, **model.elementary}
-    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
+    elementary = {"header": header, **emission.elementary()}
+    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in precision.elementary_files}
     for template, path in (
-        ("pf_scalar.h", "pf_scalar.h"),
+        ("pf_scalar.h", f"pf_scalar{precision.suffix}.h"),
         ("pf_model.h", "pf_model.h"),
         ("params.h", f"{model.name}_params.h"),
         ("params.c", f"{model.name}_params.c"),

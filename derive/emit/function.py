@@ -5,6 +5,7 @@ from __future__ import annotations
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.c import body_of
 from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.program import Program
 
 
@@ -24,5 +25,6 @@ def emit_function(program: Program) -> dict[str, str]:
     }
     elementary = {"header": "/* For a measurement. */", **render_context()}
     files = {n: fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
-    files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", {"header": "/* For a measurement. */"})
+    scalar = {"header": "/* For a measurement. */", **DOUBLE.names()}
+    files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", scalar)
     return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}

@@ -12,6 +12,7 @@ from pfaffian.derive.emit.emitter import (
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
 from pfaffian.derive.optimise.ranges import unbounded
@@ -44,12 +45,18 @@ DIALECT = Dialect(
 )
 
 
+_SINGLE_NOTE = """
+
+The C code beside this module is of single precision; this module computes in double."""
+
+
 def _line(statement: Statement) -> str:
     comment = f"  # {comment_text(statement.comment)}" if statement.comment else ""
     return f"{statement.name} = {statement.expression}{comment}"
 
 
-def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
+def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
+    """Return loads, lines and result expressions of `program`; `sources` name what is read."""
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
         f"{s.name} = np.float64({sources[s.group]}.{s.name})"  # an array stays one, uncopied
@@ -63,7 +70,7 @@ def _body(program: Program, sources: dict[str, str]) -> dict[str, object]:
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
-    structures = structures_of(model, emission.step, emission.prepare)
+    structures = structures_of(model, step=emission.step, prepare=emission.prepare)
     controller = {
         "input": "measured",
         "state": "state",
@@ -77,6 +84,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
     context: dict[str, object] = {
         "header": emission.banner(),
         "title": comment_text(model.title),
+        "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
         "classes": [
             {
@@ -114,21 +122,22 @@ def emit_python(emission: Emission) -> dict[str, str]:
             for p in model.parameters
             if p.name in structures["params"].names()
         ],
+        "prepared": [s.name for s in model.program("prepare").outputs if s.group == "prepared"],
         "state_names": structures["state"].names(),
         "output_names": structures["output"].names(),
         "limits": model.limits,
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
-        "step": _body(checked, controller),
+        "step": python_body(checked, controller),
         "unbounded": unbounded(emission.prepare, input_bounds(model)),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
-        "prepare": _body(emission.prepare, controller),
-        "continuous": _body(model.program("continuous"), controller),
-        "acceleration": _body(model.program("acceleration"), plant),
-        "energy": _body(model.program("energy"), plant),
-        "setpoint": _body(model.program("setpoint"), controller),
-        "input_gain": _body(model.program("input_gain"), controller),
+        "prepare": python_body(emission.prepare, controller),
+        "continuous": python_body(model.program("continuous"), controller),
+        "acceleration": python_body(model.program("acceleration"), plant),
+        "energy": python_body(model.program("energy"), plant),
+        "setpoint": python_body(model.program("setpoint"), controller),
+        "input_gain": python_body(model.program("input_gain"), controller),
     }
     return {
         f"{model.name}.py": fill("python/model.py.j2", context),

@@ -23,6 +23,8 @@ class Dialect:
 
     patterns: Mapping[Op, str]
     literal: Callable[[float], str]
+    #: The type of a value, where the language names it.
+    real: str = "double"
     #: The function that gives sine and cosine together; none where they are taken apart.
     sincos: str = ""
     #: The same functions where no argument can leave the domain of a plainer form.

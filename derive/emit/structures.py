@@ -17,10 +17,10 @@ STATUS_TEXT = {
 }
 
 
-def _fields(signals: list[Signal]) -> tuple[Field, ...]:
+def _fields(signals: list[Signal], real: str) -> tuple[Field, ...]:
     unique = {s.name: s for s in signals}
     return tuple(
-        Field(s.name, "uint32_t" if s.name == "engaged" else "double", s.unit, s.description)
+        Field(s.name, "uint32_t" if s.name == "engaged" else real, s.unit, s.description)
         for s in unique.values()
     )
 
@@ -30,9 +30,12 @@ def _group(program: Program, *groups: str) -> list[Signal]:
 
 
 def structures_of(
-    model: LoweredModel, step: Program | None = None, prepare: Program | None = None
+    model: LoweredModel,
+    real: str = "double",
+    step: Program | None = None,
+    prepare: Program | None = None,
 ) -> dict[str, Structure]:
-    """Return the structures of `model` by role, members in the order of declaration.
+    """Return the structures of `model` by role, members of type `real` in order of declaration.
 
     `step` and `prepare` replace the model's own where a parameter set is folded into them.
     """
@@ -43,32 +46,28 @@ def structures_of(
 
     def parameters(*programs: Program) -> tuple[Field, ...]:
         taken = {s.name: s for p in programs for s in _group(p, "parameter")}
-        return _fields([taken[n] for n in declared if n in taken])
+        return _fields([taken[n] for n in declared if n in taken], real)
 
     # What init prepares keeps the unit and the meaning that the preparing program gives it.
     prepared = {s.name: s for s in prepare.outputs if s.group == "prepared"}
     state = [prepared.get(s.name, s) for s in _group(step, "state", "prepared")]
     outputs = [s for s in step.outputs if s.group == "output"]
     # Every coordinate, also one on which nothing but its own integral depends (a cart's position).
-    motion = tuple(
-        Field(c.name, "double", c.unit, c.description) for c in model.coordinates
-    ) + tuple(
-        Field(f"d{c.name}", "double", f"{c.unit}/s", f"rate of {c.name}") for c in model.coordinates
+    motion = tuple(Field(c.name, real, c.unit, c.description) for c in model.coordinates) + tuple(
+        Field(f"d{c.name}", real, f"{c.unit}/s", f"rate of {c.name}") for c in model.coordinates
     )
     # The caller supplies the time of a time-varying constraint with each measurement.
     timed = [s for s in (*step.inputs, *continuous.inputs) if s.name == TIME_NAME]
     roles = {
         "params": parameters(*whole, continuous),
-        "input": motion + _fields(timed),
-        "state": _fields(state),
-        "output": _fields(outputs),
-        "continuous_state": _fields(_group(continuous, "state")),
-        "continuous_output": _fields(list(continuous.outputs)),
+        "input": motion + _fields(timed, real),
+        "state": _fields(state, real),
+        "output": _fields(outputs, real),
+        "continuous_state": _fields(_group(continuous, "state"), real),
+        "continuous_output": _fields(list(continuous.outputs), real),
         "plant_params": parameters(acceleration, model.program("energy")),
         "plant_state": motion,
-        "plant_input": tuple(
-            Field(a.name, "double", a.unit, a.description) for a in model.actuators
-        ),
-        "plant_rate": _fields(list(acceleration.outputs)),
+        "plant_input": tuple(Field(a.name, real, a.unit, a.description) for a in model.actuators),
+        "plant_rate": _fields(list(acceleration.outputs), real),
     }
     return {role: Structure(f"{model.name}_{role}_t", fields) for role, fields in roles.items()}

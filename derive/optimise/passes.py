@@ -55,6 +55,13 @@ def optimise(programs: Sequence[Program]) -> tuple[tuple[Program, ...], tuple[Pa
     return tuple(found[p.name] for p in programs), tuple(reports)
 
 
+def optimised(program: Program) -> Program:
+    """Return one program after every pass that needs no other."""
+    for _, run in PASSES:
+        program = run(program)
+    return call_early(program)
+
+
 def _reported(
     program: Program,
     title: str,

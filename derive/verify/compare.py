@@ -13,6 +13,8 @@ from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle, absolute_error
 from pfaffian.derive.verify.sampling import Samples, draw
+from pfaffian.derive.verify.span import NamedValues, values_of
+from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 
 Array = np.ndarray[Any, Any]
 #: Functions of the generated code, by the block each was lowered from.
@@ -57,6 +59,12 @@ class Verification:
     undecided: int
     functions: tuple[FunctionResult, ...]
     branches: Mapping[str, float]
+    precision: str = "double"
+    #: Draws given up because the precision cannot hold a value they lead to; so around the sets.
+    beyond: int = 0
+    beyond_near: int = 0
+    #: Samples that differ only because the emulator rounds a single multiply-add twice.
+    emulator_roundings: int = 0
 
     @property
     def passed(self) -> bool:
@@ -88,29 +96,41 @@ def verify(
     samples: int,
     target_samples: int,
     progress: Callable[[int, int], None] | None = None,
+    unit: Unit = DOUBLE_UNIT,
+    witness: Subject | None = None,
 ) -> Verification:
     """Compare `subjects` with the oracle on `samples` inputs of every function.
 
     The first subject that is not Python is the host whose bits `target` must repeat on the first
-    `target_samples` inputs. The same seed gives the same samples on every machine.
+    `target_samples` inputs. The same seed gives the same samples on every machine. Inputs are
+    those that `unit` holds, and errors are counted in it. Where the bits differ, `witness` may
+    show that the emulator alone is to blame: samples where the target has its bits are counted
+    apart.
     """
     tallies: dict[tuple[str, str], _Tally] = {}
     everyone = [*subjects, *([target] if target else [])]
-    mismatches = undecided = compared = done = 0
+    mismatches = undecided = compared = done = beyond = beyond_near = emulated = 0
     branches: dict[str, float] = {}
     for function in FUNCTIONS:
         block = derivation.block(function)
-        judge = _Judge(block, Oracle(block), Condition(block))
+        judge = _Judge(model, block, unit)
         rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
-            drawn = draw(model, block.inputs, sets, count, rng, block)
+            drawn = draw(model, block.inputs, sets, count, rng, unit, judge.holds, block)
+            beyond, beyond_near = beyond + drawn.beyond, beyond_near + drawn.beyond_near
             values = drawn.values
             for_target = max(0, min(count, target_samples - start)) if target else 0
             computed = _computed(function, values, subjects, target, for_target)
             undecided += judge.update(drawn, computed, tallies)
             if target and for_target:
-                mismatches += _mismatches(computed, _host(subjects).name, target.name, for_target)
+                differs = _differing(computed[_host(subjects).name], computed[target.name])
+                if witness and differs.any():
+                    part = {n: v[:for_target] for n, v in values.items()}
+                    known = ~_differing(witness.evaluate(function, part), computed[target.name])
+                    emulated += int((differs & known).sum())
+                    differs &= ~known
+                mismatches += int(differs.sum())
                 compared += for_target if function == "step" else 0
             _count_branches(branches, block, judge.last_exact, samples)
             done += count
@@ -139,6 +159,10 @@ def verify(
         undecided,
         results,
         branches,
+        unit.precision,
+        beyond,
+        beyond_near,
+        emulated,
     )
 
 
@@ -160,23 +184,37 @@ def _computed(
     return computed
 
 
-def _mismatches(
-    computed: Mapping[str, Mapping[str, Array]], host: str, target: str, count: int
-) -> int:
-    """Return in how many samples any output differs in any bit."""
-    differs = np.zeros(count, bool)
-    for name, there in computed[target].items():
-        here = computed[host][name][:count]
-        differs |= here.view(np.uint64) != there.view(np.uint64)
-    return int(differs.sum())
+def _differing(here: Mapping[str, Array], there: Mapping[str, Array]) -> Array:
+    """Return in which samples of `there`, the first ones of `here`, any output differs in a bit."""
+    differs = np.zeros(len(next(iter(there.values()))), bool)
+    for name, column in there.items():
+        differs |= here[name][: len(column)].view(np.uint64) != column.view(np.uint64)
+    return differs
 
 
 class _Judge:
     """Holds the oracle and condition of one block, and updates the tallies."""
 
-    def __init__(self, block: Block, oracle: Oracle, condition: Condition) -> None:
-        self.block, self.oracle, self.condition = block, oracle, condition
+    def __init__(self, model: LoweredModel, block: Block, unit: Unit) -> None:
+        self.model, self.block, self.unit = model, block, unit
+        self.oracle, self.condition = Oracle(block, unit.tie), Condition(block)
+        self.named = NamedValues(block)
         self.last_exact: dict[str, Array] = {}
+
+    def holds(self, values: Mapping[str, Array]) -> Array:
+        """Return the samples of which the precision holds every value, shape (N,).
+
+        These are the values that the derivation names and those that the code computes. Where the
+        limit allows a named value the other sign, what follows from it cannot be judged.
+        """
+        if self.unit is DOUBLE_UNIT:
+            return np.ones(len(next(iter(values.values()))), bool)
+        computed = values_of(self.model, self.block.name, values)
+        lost = self.condition.without_a_digit(values, LIMIT_ULP * 2.0**-self.unit.digits)
+        named = self.named(values)
+        for angle in self.named.angles:
+            lost |= np.abs(named[angle]) > self.unit.angle
+        return self.unit.holds([*named.values(), *computed]) & ~lost
 
     def update(
         self,
@@ -195,8 +233,8 @@ class _Judge:
             exact = [outputs[k] for outputs, _ in answers]
             self.last_exact[signal.name] = np.array([float(v) for v in exact])
             size_of = np.abs(self.last_exact[signal.name])
-            units = np.spacing(np.maximum(size_of, named[signal.name]))
-            strict_units = np.spacing(np.maximum(size_of, by_input[signal.name]))
+            units = self.unit.last_place(np.maximum(size_of, named[signal.name]))
+            strict_units = self.unit.last_place(np.maximum(size_of, by_input[signal.name]))
             for language, outputs in computed.items():
                 column = outputs[signal.name]
                 size = len(column)

@@ -19,7 +19,7 @@ from pfaffian.derive.block import Block
 
 Array = np.ndarray[Any, Any]
 #: The derivative of a sign is zero wherever it exists; no sample sits on the jump itself.
-_NUMPY = [
+NUMPY = [
     {"DiracDelta": np.zeros_like, "side": lambda x: np.where(np.less(x, 0.0), -1.0, 1.0)},
     "numpy",
 ]
@@ -44,31 +44,58 @@ class Condition:
     def __call__(self, values: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the named and the input scale of each output by name, shape (N,)."""
         count = len(next(iter(values.values())))
-        known: dict[str, Array] = dict(values)
-        local: list[list[Array]] = []
+        known, local = self._evaluated(values)
         named: dict[str, Array] = {}
         by_input: dict[str, Array] = {}
         inputs = {symbol.name for symbol in self.block.symbols}
         with np.errstate(all="ignore"):
-            for step in self._steps:
-                arguments = [known[n] for n in step.needs]
-                known[step.name] = _full(step.value(*arguments), count)
-                local.append([_full(p(*arguments), count) for p in step.partials])
             for signal, symbol in zip(self.block.outputs, self.block.results, strict=True):
-                moves = self._gradient(symbol.name, local)
-                weights = {
-                    n: np.nan_to_num(np.abs(known[n] * m), posinf=0.0) for n, m in moves.items()
-                }
+                weights = self._weights(symbol.name, known, local)
                 by_input[signal.name] = _total(
                     [w for n, w in weights.items() if n in inputs], count
                 )
                 named[signal.name] = _total(list(weights.values()), count)
         return named, by_input
 
+    def without_a_digit(self, values: Mapping[str, Array], unit: float) -> Array:
+        """Return the samples with a named value that is not zero but below its scale times `unit`.
+
+        Rounding alone may then give that value the other sign: shape (N,).
+        """
+        known, local = self._evaluated(values)
+        lost = np.zeros(len(next(iter(values.values()))), bool)
+        with np.errstate(all="ignore"):
+            for k, step in enumerate(self._steps):
+                weights = self._weights(step.name, known, local[: k + 1])
+                size = np.abs(known[step.name])
+                lost |= (size != 0.0) & (size < unit * _total(list(weights.values()), len(lost)))
+        return lost
+
+    def _evaluated(self, values: Mapping[str, Array]) -> tuple[dict[str, Array], list[list[Array]]]:
+        """Return every value by name, and the partial derivatives of each definition."""
+        count = len(next(iter(values.values())))
+        known: dict[str, Array] = dict(values)
+        local: list[list[Array]] = []
+        with np.errstate(all="ignore"):
+            for step in self._steps:
+                arguments = [known[n] for n in step.needs]
+                known[step.name] = _full(step.value(*arguments), count)
+                local.append([_full(p(*arguments), count) for p in step.partials])
+        return known, local
+
+    def _weights(
+        self, name: str, known: Mapping[str, Array], local: list[list[Array]]
+    ) -> dict[str, Array]:
+        """Return |v dy/dv| for y called `name`, of the definitions that `local` is about, by v."""
+        moves = self._gradient(name, local)
+        return {n: np.nan_to_num(np.abs(known[n] * m), posinf=0.0) for n, m in moves.items()}
+
     def _gradient(self, output: str, local: list[list[Array]]) -> dict[str, Array]:
         """Return the derivative of `output` by every value that moves it (reverse chain rule)."""
         gradient: dict[str, Array] = {output: np.ones(1)}
-        for step, partials in zip(reversed(self._steps), reversed(local), strict=True):
+        for step, partials in zip(
+            reversed(self._steps[: len(local)]), reversed(local), strict=True
+        ):
             if step.name not in gradient:
                 continue
             for need, partial in zip(step.needs, partials, strict=True):
@@ -91,6 +118,6 @@ def _step(symbol: sp.Symbol, expression: sp.Basic) -> _Step:
     return _Step(
         symbol.name,
         tuple(s.name for s in needs),
-        sp.lambdify(needs, expression, modules=_NUMPY),
-        tuple(sp.lambdify(needs, expression.diff(s), modules=_NUMPY) for s in needs),
+        sp.lambdify(needs, expression, modules=NUMPY),
+        tuple(sp.lambdify(needs, expression.diff(s), modules=NUMPY) for s in needs),
     )

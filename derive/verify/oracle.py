@@ -45,14 +45,14 @@ _Compiled = tuple[str, Callable[..., Any], tuple[str, ...]]
 class Oracle:
     """Evaluates one block at 200 bits."""
 
-    def __init__(self, block: Block) -> None:
-        """Prepare a function a definition, in order."""
+    def __init__(self, block: Block, tie: float = TIE) -> None:
+        """Prepare a function a definition, in order; `tie` is for comparisons too close to call."""
         self.block = block
         with gmpy2.context(precision=PRECISION_BITS):
             namespace = {**_FUNCTIONS, "pi": gmpy2.const_pi()}
         self._steps = [_compiled(d.symbol, d.expression, namespace) for d in block.definitions]
         self._choices = [
-            _Choice(choice, namespace, set(block.symbols))
+            _Choice(choice, namespace, set(block.symbols), tie)
             for d in block.definitions
             for choice in sorted(d.expression.atoms(sp.Piecewise), key=sp.default_sort_key)
         ]
@@ -71,8 +71,13 @@ class _Choice:
     """One Piecewise: is it clear which branch is taken, or does it not matter?"""
 
     def __init__(
-        self, choice: sp.Piecewise, namespace: Mapping[str, Any], inputs: set[sp.Symbol]
+        self,
+        choice: sp.Piecewise,
+        namespace: Mapping[str, Any],
+        inputs: set[sp.Symbol],
+        tie: float,
     ) -> None:
+        self._tie = tie
         conditions = [c for _, c in choice.args]
         relations = sorted(
             set().union(*(c.atoms(Relational) for c in conditions)), key=sp.default_sort_key
@@ -88,18 +93,17 @@ class _Choice:
     def is_clear(self, known: Mapping[str, Any]) -> bool:
         """Return whether every comparison is decided, or all branches give the same value."""
         sides = _values(self._sides, known)
-        if all(_apart(a, b) for a, b in zip(sides[0::2], sides[1::2], strict=True)):
+        if all(self._apart(a, b) for a, b in zip(sides[0::2], sides[1::2], strict=True)):
             return True
         first, *others = _values(self._branches, known)
-        return not any(_apart(first, other) for other in others)
+        return not any(self._apart(first, other) for other in others)
+
+    def _apart(self, a: Any, b: Any) -> bool:
+        return bool(abs(a - b) > self._tie * max(abs(a), abs(b)))
 
 
 def _values(functions: list[_Compiled], known: Mapping[str, Any]) -> list[Any]:
     return [function(*(known[n] for n in needs)) for _, function, needs in functions]
-
-
-def _apart(a: Any, b: Any) -> bool:
-    return bool(abs(a - b) > TIE * max(abs(a), abs(b)))
 
 
 def _compiled(

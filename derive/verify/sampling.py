@@ -13,6 +13,7 @@ from pfaffian.derive.elementary import SINCOS_MAX
 from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import Signal, evaluate
+from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 
 Array = np.ndarray[Any, Any]
 #: Smallest magnitude drawn where a bound is zero, and largest for states that have no bound.
@@ -21,10 +22,16 @@ _SMALL, _LARGE = 1e-6, 1e4
 
 @dataclass(frozen=True)
 class Samples:
-    """Inputs by name, float64 of shape (N,); `near` (N,) marks those around a parameter set."""
+    """Inputs by name, float64 of shape (N,); `near` (N,) marks those around a parameter set.
+
+    `beyond` counts draws that were given up because the precision cannot hold what they lead to,
+    `beyond_near` those around a parameter set.
+    """
 
     values: dict[str, Array]
     near: Array
+    beyond: int = 0
+    beyond_near: int = 0
 
 
 def draw(
@@ -33,24 +40,39 @@ def draw(
     sets: Sequence[Mapping[str, float]],
     count: int,
     rng: np.random.Generator,
+    unit: Unit = DOUBLE_UNIT,
+    holds: Callable[[Mapping[str, Array]], Array] | None = None,
     block: Block | None = None,
 ) -> Samples:
-    """Return `count` samples of each of `inputs`, those of `block`.
+    """Return `count` samples of each of `inputs`, those of `block`, all of which `unit` holds.
 
-    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there and
-    `block` takes no sine of an angle beyond `SINCOS_MAX`, as of a fast reference after a long time.
+    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there, the
+    precision `holds` what follows from it, and `block` takes no sine of an angle beyond
+    `SINCOS_MAX`, as of a fast reference after a long time.
     """
     angles = _angles(block) if block else []
     near = rng.random(count) < 0.5
-    values = _mixed(model, inputs, sets, near, rng)
+    values = _rounded(model, _mixed(model, inputs, sets, near, rng), unit)
+    beyond, beyond_near, open_ = 0, 0, np.arange(count)
     for _ in range(200):
-        bad = np.flatnonzero(~(_is_physical(model, values) & _is_in_range(angles, values)))
-        if not len(bad):
-            return Samples(values, near)
-        again = _mixed(model, inputs, sets, near[bad], rng)
+        now = {n: v[open_] for n, v in values.items()}
+        physical = _is_physical(model, now) & _is_in_range(angles, now)
+        held = holds(now) if holds else np.ones(len(open_), bool)
+        beyond += int((physical & ~held).sum())
+        beyond_near += int((physical & ~held & near[open_]).sum())
+        open_ = open_[~(physical & held)]
+        if not len(open_):
+            return Samples(values, near, beyond, beyond_near)
+        again = _rounded(model, _mixed(model, inputs, sets, near[open_], rng), unit)
         for name, column in values.items():
-            column[bad] = again[name]
+            column[open_] = again[name]
     raise RuntimeError("no physical parameters found in 200 draws")
+
+
+def _rounded(model: LoweredModel, values: dict[str, Array], unit: Unit) -> dict[str, Array]:
+    bounds = {p.name: unit.bounds(p) for p in model.parameters}
+    rounded = {n: unit.rounded(v) for n, v in values.items()}
+    return {n: np.clip(v, *bounds[n]) if n in bounds else v for n, v in rounded.items()}
 
 
 def _mixed(

@@ -9,7 +9,7 @@ Every field of the classes below is a float or an array; arrays broadcast agains
 Values are in SI units.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -19,6 +19,10 @@ NEAR_SINGULAR = 2  # |ADB| is below its threshold; the nominal part is scaled do
 BAD_INPUT = 3  # a measurement is not finite or beyond its bound; torque 0, state kept
 BAD_PARAMETER = 4  # a parameter is not finite or out of its bounds
 NUMERIC = 5  # a result was not finite or beyond the limit; torque 0, state kept
+#: Fields of `State` that depend on the parameters alone.
+_PREPARED = ("leakage_decay", "adaptation_step", "twice_eta_over_pi", "prepared1", "twice_l1_lc2_m2", "m22_", "l1_lc2_m2", "l1_m2", "lc1_m1", "g_lc2_m2", "l1_squared_lc2_squared_m2_squared", "prepared2", "I2_plus_m2_lc2_squared_weight_q1", "rate_q1_weight_q1", "half_sample_time", "singular_threshold_squared", "inverse_epsilon", )
+#: Samples that `step` works on at a time: what it computes in between stays in the cache.
+_BLOCK = 4096
 
 
 @dataclass
@@ -336,8 +340,49 @@ def init(params):
     return state, np.where(valid, OK, BAD_PARAMETER)
 
 
+def prepare(state, params):
+    """Return (`state` with the fields of _PREPARED worked out again from `params`, status)."""
+    fresh, status = init(params)
+    kept = {f.name: getattr(state, f.name) for f in fields(State) if f.name not in _PREPARED}
+    return State(**(vars(fresh) | kept)), status
+
+
 def step(state, params, measured):
-    """Return (next state, output, status) of one period of the sampled law."""
+    """Return (next state, output, status) of one period of the sampled law.
+
+    Samples in arrays of one axis are worked on in blocks, with the same result.
+    """
+    given = [
+        {f.name: getattr(value, f.name) for f in fields(kind)}
+        for kind, value in ((State, state), (Params, params), (Input, measured))
+    ]
+    shapes = {getattr(v, "shape", ()) for values in given for v in values.values()} - {()}
+    rows = max(shapes)[0] if len(shapes) == 1 else 0
+    if rows <= _BLOCK or len(max(shapes)) > 1:
+        return _step(state, params, measured)
+    parts = []
+    for first in range(0, rows, _BLOCK):
+        arguments = [
+            {n: v[first : first + _BLOCK] if np.ndim(v) else v for n, v in values.items()}
+            for values in given
+        ]
+        parts.append(_step(*(c(**a) for c, a in zip((State, Params, Input), arguments))))
+    states, outputs, codes = zip(*parts)
+    return _joined(State, states), _joined(Output, outputs), _row(codes)
+
+
+def _joined(kind, parts):
+    """Return one object of `kind` whose fields are those of `parts` in a row."""
+    return kind(**{f.name: _row([getattr(p, f.name) for p in parts]) for f in fields(kind)})
+
+
+def _row(parts):
+    """Return `parts` one after the other; a number is the same in each and stays a number."""
+    return np.concatenate(parts) if np.ndim(parts[0]) else parts[0]
+
+
+def _step(state, params, measured):
+    """Return what `step` does, all at once."""
     valid = np.asarray(True)
     valid = valid & (np.abs(measured.q1) < 10000.0)
     valid = valid & (np.abs(measured.dq1) < 1000.0)

@@ -14,14 +14,28 @@
 #endif
 
 #if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
-#error "intermediate results are kept in another precision than double: results would differ"
+#error "intermediate results are kept in another precision than theirs: results would differ"
+#endif
+
+/* The precision of the model: its type, the bits of 1/3 and the least number there is. */
+#ifdef PF_SINGLE
+#define PF_REAL float
+#define PF_WORD uint32_t
+#define PF_C(literal) literal##f
+#define PF_THIRD UINT32_C(0x3eaaaaab)
+#define PF_LEAST 1.40129846e-45f
+#else
+#define PF_REAL double
+#define PF_WORD uint64_t
+#define PF_C(literal) literal
+#define PF_THIRD UINT64_C(0x3fd5555555555555)
+#define PF_LEAST 4.9406564584124654e-324
 #endif
 
 typedef union {
-    double value;
-    uint64_t bits;
-    uint8_t bytes[8];
-} pf_double_bits_t;
+    PF_REAL value;
+    PF_WORD bits;
+} pf_real_bits_t;
 
 /* What the target must be for the bits to be the same; 0 if it is. */
 uint32_t pf_target_check(void);
@@ -34,27 +48,27 @@ void pf_batch_continuous(uint32_t n, const PF_CONTINUOUS_STATE_T *state, const P
 void pf_batch_acceleration(uint32_t n, const PF_PLANT_PARAMS_T *params,
     const PF_PLANT_STATE_T *state, const PF_PLANT_INPUT_T *input, PF_PLANT_RATE_T *rate);
 void pf_batch_energy(uint32_t n, const PF_PLANT_PARAMS_T *params, const PF_PLANT_STATE_T *state,
-    double *energy);
+    PF_REAL *energy);
 void pf_batch_plant_step(uint32_t n, PF_PLANT_STATE_T *state, const PF_PLANT_PARAMS_T *params,
-    const PF_PLANT_INPUT_T *input, const double *step, uint32_t substeps);
+    const PF_PLANT_INPUT_T *input, const PF_REAL *step, uint32_t substeps);
 
 uint32_t pf_target_check(void)
 {
-    volatile double third = 1.0;
-    pf_double_bits_t seen;
+    volatile PF_REAL third = PF_C(1.0);
+    pf_real_bits_t seen;
     uint32_t fault = 0U;
 
-    third /= 3.0; /* at run time, in the rounding mode in force: to nearest gives ...555 */
+    third /= PF_C(3.0); /* at run time, in the rounding mode in force: to nearest */
     seen.value = third;
-    if (seen.bits != UINT64_C(0x3fd5555555555555)) {
+    if (seen.bits != PF_THIRD) {
         fault |= 1U;
     }
-    third = 4.9406564584124654e-324; /* subnormals must not be flushed to zero */
-    seen.value = third * 1.0;
-    if (seen.bits != UINT64_C(1)) {
+    third = PF_LEAST; /* subnormals must not be flushed to zero */
+    seen.value = third * PF_C(1.0);
+    if (seen.bits != 1U) {
         fault |= 2U;
     }
-    if (sizeof(double) != 8U || sizeof(uint32_t) != 4U) {
+    if (sizeof(PF_REAL) != sizeof(PF_WORD) || sizeof(uint32_t) != 4U) {
         fault |= 4U;
     }
     return fault;
@@ -113,7 +127,7 @@ void pf_batch_acceleration(uint32_t n, const PF_PLANT_PARAMS_T *params,
 }
 
 void pf_batch_energy(uint32_t n, const PF_PLANT_PARAMS_T *params, const PF_PLANT_STATE_T *state,
-    double *energy)
+    PF_REAL *energy)
 {
     uint32_t i;
 
@@ -123,7 +137,7 @@ void pf_batch_energy(uint32_t n, const PF_PLANT_PARAMS_T *params, const PF_PLANT
 }
 
 void pf_batch_plant_step(uint32_t n, PF_PLANT_STATE_T *state, const PF_PLANT_PARAMS_T *params,
-    const PF_PLANT_INPUT_T *input, const double *step, uint32_t substeps)
+    const PF_PLANT_INPUT_T *input, const PF_REAL *step, uint32_t substeps)
 {
     uint32_t i;
 

@@ -25,6 +25,16 @@ static void sine_cosine(double x, double *sine, double *cosine)
 #define MINUS(c, a, b) ((c) - (a) * (b))
 #endif
 
+#ifdef HAND_CHECKED /* within the checked ranges the functions need not look at their argument */
+#undef ARCTAN
+#undef sine_cosine
+#define ARCTAN pf_atan_inline
+#define sine_cosine pf_sincos_within_inline
+#define LENGTH(a, b) pf_sqrt_normal_inline(MADD(a, a, MADD(b, b, 0x1p-120)))
+#else
+#define LENGTH(a, b) ROOT(MADD(a, a, (b) * (b)))
+#endif
+
 void hand_init(hand_law_t *law, const hand_params_t *p)
 {
     law->q1d = p->q1d;
@@ -53,9 +63,29 @@ void hand_init(hand_law_t *law, const hand_params_t *p)
     law->adaptation_step = p->adaptation_step;
 }
 
+#ifdef HAND_CHECKED
+static int refused(hand_output_t *output, int code)
+{
+    output->tau = output->p1 = output->p2 = output->p3 = 0.0;
+    output->s = output->beta = output->adb = 0.0;
+    return code;
+}
+
+int hand_step(
+    hand_state_t *state, const hand_law_t *law, const hand_input_t *input, hand_output_t *output)
+#else
 int hand_step(
     hand_state_t *state, const hand_law_t *law, const hand_input_t *input, double *torque)
+#endif
 {
+#ifdef HAND_CHECKED
+    if (!(__builtin_fabs(input->q1) < HAND_LARGEST_ANGLE
+            && __builtin_fabs(input->q2) < HAND_LARGEST_ANGLE
+            && __builtin_fabs(input->dq1) < HAND_LARGEST_RATE
+            && __builtin_fabs(input->dq2) < HAND_LARGEST_RATE)) {
+        return refused(output, HAND_BAD_INPUT);
+    }
+#endif
     double sin1, cos1, sin2, cos2;
     const double dq1 = input->dq1, dq2 = input->dq2;
     const double e1 = input->q1 - law->q1d, e2 = input->q2 - law->q2d;
@@ -64,8 +94,8 @@ int hand_step(
     const double coasting = MADD(law->lam, dq1, dq2);
     const double s = MADD(law->lam_lam1, e1, MADD(law->lam2, e2, coasting));
     const double drift = MADD(law->arctan_gain, ARCTAN(s), law->sigma * s);
-    const double distance = 1.0 + ROOT(MADD(e1, e1, e2 * e2));
-    const double speed = 1.0 + ROOT(MADD(dq1, dq1, dq2 * dq2));
+    const double distance = 1.0 + LENGTH(e1, e2);
+    const double speed = 1.0 + LENGTH(dq1, dq2);
     const double regressor = MADD(distance, distance, speed * speed);
 
     /* det M (A D B) and det M (b + A D (C q' + G)); A q' needs only the rates. */
@@ -82,21 +112,23 @@ int hand_step(
     const double adb = n1 / det;
 
     /* p1, (17); next to ADB = 0 it is scaled down. */
-    double total = __builtin_fabs(adb) < law->singular_threshold
-        ? adb * demand / (det * law->threshold_squared)
-        : demand / n1;
+    const int near_singular = __builtin_fabs(adb) < law->singular_threshold;
+    const double p1 = near_singular ? adb * demand / (det * law->threshold_squared) : demand / n1;
+    double total = p1;
 
     /* p2 + p3, (18), (19): backward Euler on beta, inside or outside the layer of p3. */
     const double offset = state->engaged
         ? MADD(law->half_period, drift + state->drift_previous, state->constraint_offset)
         : -s;
-    const double bhat = adb * (offset + s);
+    const double beta = offset + s;
+    const double bhat = adb * beta;
     const double effort = state->bound_estimate * regressor;
     const double rate = law->period * (adb * adb);
     double gain = MADD(effort * effort, law->epsilon_inverse, law->kappa);
     double numerator = bhat, denominator = MADD(rate, gain, 1.0);
-    if (effort * __builtin_fabs(bhat) > law->epsilon * denominator) {
-        const double push = bhat < 0.0 ? -effort : effort;
+    const int outside = effort * __builtin_fabs(bhat) > law->epsilon * denominator;
+    const double push = bhat < 0.0 ? -effort : effort;
+    if (outside) {
         gain = law->kappa;
         total -= push;
         numerator = MINUS(bhat, rate, push);
@@ -105,6 +137,41 @@ int hand_step(
     const double bhat_next = numerator / denominator;
     total = MINUS(total, gain, bhat_next);
 
+#ifdef HAND_CHECKED
+    /* A finite total vouches for p1, p2, p3, s, beta, ADB and the offset: all of them enter it. */
+    const double magnitude = __builtin_fabs(total), bound = law->torque_limit;
+    if (!(bound > 0.0)) {
+        return refused(output, HAND_BAD_PARAMETER);
+    }
+    if (!(magnitude <= 0x1.fffffffffffffp+1023)) {
+        return refused(output, HAND_NUMERIC);
+    }
+    const int saturated = magnitude > bound;
+    if (saturated) {
+        output->tau = total < 0.0 ? -bound : bound;
+        if (!state->engaged) {
+            state->constraint_offset = offset;
+        }
+    } else {
+        const double estimate = MADD(law->leakage_decay, state->bound_estimate,
+            law->adaptation_step * regressor * __builtin_fabs(bhat_next));
+        if (!(estimate <= 0x1.fffffffffffffp+1023)) {
+            return refused(output, HAND_NUMERIC);
+        }
+        output->tau = total;
+        state->constraint_offset = offset;
+        state->bound_estimate = estimate;
+    }
+    output->p1 = p1;
+    output->p2 = -law->kappa * bhat_next;
+    output->p3 = outside ? -push : -(effort * effort * law->epsilon_inverse) * bhat_next;
+    output->s = s;
+    output->beta = beta;
+    output->adb = adb;
+    state->drift_previous = drift;
+    state->engaged = 1u;
+    return near_singular ? HAND_NEAR_SINGULAR : saturated ? HAND_SATURATED : HAND_OK;
+#else
     /* Saturation holds integral and adaptation. What is not finite came from the input. */
     const double size = __builtin_fabs(total), limit = law->torque_limit;
     if (size > limit) {
@@ -128,4 +195,5 @@ int hand_step(
     state->drift_previous = drift;
     state->engaged = 1u;
     return 0;
+#endif
 }

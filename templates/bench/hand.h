@@ -45,8 +45,29 @@ typedef struct {
 
 void hand_init(hand_law_t *law, const hand_params_t *params);
 
+#ifdef HAND_CHECKED
+/* Everything that the generated step gives. */
+typedef struct {
+    double tau, p1, p2, p3, s, beta, adb;
+} hand_output_t;
+
+/* In the order of the generated step's codes. */
+enum { HAND_OK, HAND_SATURATED, HAND_NEAR_SINGULAR, HAND_BAD_INPUT, HAND_BAD_PARAMETER, HAND_NUMERIC };
+
+/* Beyond these a measurement is refused. */
+#define HAND_LARGEST_ANGLE 1e4
+#define HAND_LARGEST_RATE 1e3
+
+/*
+ * One period under the contract of the generated step: a code above HAND_NEAR_SINGULAR comes with
+ * zero outputs and the state kept, any other with finite outputs and a torque within its limit.
+ */
+int hand_step(
+    hand_state_t *state, const hand_law_t *law, const hand_input_t *input, hand_output_t *output);
+#else
 /* One period. Returns 0, or 1 with torque 0 and the state kept if an input is not finite. */
 int hand_step(
     hand_state_t *state, const hand_law_t *law, const hand_input_t *input, double *torque);
+#endif
 
 #endif
