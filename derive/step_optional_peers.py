@@ -85,10 +85,17 @@ def _sorted_symbols(expression: sp.Basic) -> list[sp.Symbol]:
 
 
 def _plain_definitions(block: Block) -> Iterator[tuple[sp.Symbol, sp.Basic]]:
-    """Give the definitions with `a and b` as a branch in a branch: neither tool knows `and`."""
+    """Give the definitions with `a and b` as a branch in a branch: neither tool knows `and`.
+
+    Fractions become floating-point numbers: one of them holds integers of 64 bits only.
+    """
     for definition in block.definitions:
         value = definition.expression.rewrite(side, sp.Piecewise).replace(
             lambda e: isinstance(e, sp.Piecewise) and isinstance(e.args[0].cond, sp.And), _nested
+        )
+        value = value.replace(
+            lambda e: isinstance(e, sp.Rational) and not isinstance(e, sp.Integer),
+            lambda e: sp.Float(e, 17),
         )
         yield definition.symbol, value
 

@@ -11,7 +11,7 @@ STATUS_TEXT = {
     "OK": "the law was applied as derived",
     "SATURATED": "the torque is at its limit; integral and adaptation are held",
     "NEAR_SINGULAR": "|ADB| is below its threshold; the nominal part is scaled down",
-    "BAD_INPUT": "a measurement is not finite or beyond its bound; torque 0, state kept",
+    "BAD_INPUT": "a measurement is not inside its bound or no number; torque 0, state kept",
     "BAD_PARAMETER": "a parameter is not finite or out of its bounds",
     "NUMERIC": "a result was not finite or beyond the limit; torque 0, state kept",
 }

@@ -16,7 +16,7 @@ import numpy as np
 OK = 0  # the law was applied as derived
 SATURATED = 1  # the torque is at its limit; integral and adaptation are held
 NEAR_SINGULAR = 2  # |ADB| is below its threshold; the nominal part is scaled down
-BAD_INPUT = 3  # a measurement is not finite or beyond its bound; torque 0, state kept
+BAD_INPUT = 3  # a measurement is not inside its bound or no number; torque 0, state kept
 BAD_PARAMETER = 4  # a parameter is not finite or out of its bounds
 NUMERIC = 5  # a result was not finite or beyond the limit; torque 0, state kept
 #: Fields of `State` that depend on the parameters alone.

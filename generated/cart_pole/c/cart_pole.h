@@ -22,7 +22,7 @@ typedef enum {
     CART_POLE_OK = 0, /* the law was applied as derived */
     CART_POLE_SATURATED = 1, /* the torque is at its limit; integral and adaptation are held */
     CART_POLE_NEAR_SINGULAR = 2, /* |ADB| is below its threshold; the nominal part is scaled down */
-    CART_POLE_BAD_INPUT = 3, /* a measurement is not finite or beyond its bound; torque 0, state kept */
+    CART_POLE_BAD_INPUT = 3, /* a measurement is not inside its bound or no number; torque 0, state kept */
     CART_POLE_BAD_PARAMETER = 4, /* a parameter is not finite or out of its bounds */
     CART_POLE_NUMERIC = 5 /* a result was not finite or beyond the limit; torque 0, state kept */
 } cart_pole_status_t;

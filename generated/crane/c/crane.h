@@ -22,7 +22,7 @@ typedef enum {
     CRANE_OK = 0, /* the law was applied as derived */
     CRANE_SATURATED = 1, /* the torque is at its limit; integral and adaptation are held */
     CRANE_NEAR_SINGULAR = 2, /* |ADB| is below its threshold; the nominal part is scaled down */
-    CRANE_BAD_INPUT = 3, /* a measurement is not finite or beyond its bound; torque 0, state kept */
+    CRANE_BAD_INPUT = 3, /* a measurement is not inside its bound or no number; torque 0, state kept */
     CRANE_BAD_PARAMETER = 4, /* a parameter is not finite or out of its bounds */
     CRANE_NUMERIC = 5 /* a result was not finite or beyond the limit; torque 0, state kept */
 } crane_status_t;

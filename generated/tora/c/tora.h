@@ -22,7 +22,7 @@ typedef enum {
     TORA_OK = 0, /* the law was applied as derived */
     TORA_SATURATED = 1, /* the torque is at its limit; integral and adaptation are held */
     TORA_NEAR_SINGULAR = 2, /* |ADB| is below its threshold; the nominal part is scaled down */
-    TORA_BAD_INPUT = 3, /* a measurement is not finite or beyond its bound; torque 0, state kept */
+    TORA_BAD_INPUT = 3, /* a measurement is not inside its bound or no number; torque 0, state kept */
     TORA_BAD_PARAMETER = 4, /* a parameter is not finite or out of its bounds */
     TORA_NUMERIC = 5 /* a result was not finite or beyond the limit; torque 0, state kept */
 } tora_status_t;

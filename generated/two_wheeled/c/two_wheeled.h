@@ -22,7 +22,7 @@ typedef enum {
     TWO_WHEELED_OK = 0, /* the law was applied as derived */
     TWO_WHEELED_SATURATED = 1, /* the torque is at its limit; integral and adaptation are held */
     TWO_WHEELED_NEAR_SINGULAR = 2, /* |ADB| is below its threshold; the nominal part is scaled down */
-    TWO_WHEELED_BAD_INPUT = 3, /* a measurement is not finite or beyond its bound; torque 0, state kept */
+    TWO_WHEELED_BAD_INPUT = 3, /* a measurement is not inside its bound or no number; torque 0, state kept */
     TWO_WHEELED_BAD_PARAMETER = 4, /* a parameter is not finite or out of its bounds */
     TWO_WHEELED_NUMERIC = 5 /* a result was not finite or beyond the limit; torque 0, state kept */
 } two_wheeled_status_t;
