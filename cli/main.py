@@ -283,6 +283,24 @@ def bench_chain(
     run_bench(links, json)
 
 
+@bench_app.command("sensing")
+def bench_sensing(
+    delay: Annotated[
+        str, typer.Option(help="Delay at 20 rad/s that the proposal may have.")
+    ] = "5 ms",
+    damping: Annotated[
+        float | None, typer.Option(help="Of the tracking loop, 0.5 to 2 [0.707].")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw noise against delay, *.svg.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    json: Json = False,
+) -> None:
+    """Compare two velocity estimators behind an encoder: phase lag, noise; propose one."""
+    from pfaffian.cli.bench_sensing import bench_sensing as run_bench
+
+    run_bench(delay, damping, plot, force, json)
+
+
 def main() -> None:
     """Run the command line; a reader of the output that went away is an end, not an error."""
     try:

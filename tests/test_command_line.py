@@ -34,7 +34,7 @@ COMMANDS = (
     "run",
     "bench",
 )
-BENCHMARKS = ("step", "regenerate", "chain", "batch")
+BENCHMARKS = ("step", "regenerate", "chain", "batch", "sensing")
 FLIGHT = ("steps", "mode", "iae_q1", "iae_q2", "mae2_q1", "mae2_q2", "peak_torque")
 SHA256 = re.compile(r"[0-9a-f]{64}")
 

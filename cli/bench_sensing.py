@@ -1,0 +1,100 @@
+"""`pfaffian bench sensing`: two velocity estimators behind an encoder, phase lag against noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from pfaffian.runtime.sensing_bench import EstimatorFigures
+
+
+def bench_sensing(
+    delay: str, damping: float | None, plot: Path | None, force: bool, as_json: bool
+) -> None:
+    """Measure both estimators over a range of bandwidths; print the table, draw it if asked."""
+    from dataclasses import replace
+
+    from pfaffian.runtime.quantity import parse_quantity
+    from pfaffian.runtime.sensing import SensingParameters, host_sensing
+    from pfaffian.runtime.sensing_bench import measured_estimators, proposed_estimator
+
+    _check_plot(plot, force)
+    allowed = parse_quantity(delay, "s", "--delay")
+    base = SensingParameters()
+    if damping is not None:
+        base = replace(base, damping=damping)
+    figures = measured_estimators(host_sensing(), base, tell=output.note)
+    chosen = proposed_estimator(figures, allowed)
+    if plot is not None:
+        from pfaffian.runtime.files import write_whole
+        from pfaffian.runtime.sensing_plot import noise_svg
+
+        write_whole(plot, noise_svg(figures, chosen))
+    document = {
+        "counts_per_turn": base.counts_per_turn,
+        "sample_time": base.sample_time,
+        "damping": base.damping,
+        "allowed_delay": allowed,
+        "rows": [_row(f) for f in figures],
+        "proposed": _row(chosen),
+        "plot": str(plot) if plot else None,
+    }
+    output.deliver(document, as_json, lambda: _print(document, figures, chosen))
+
+
+def _check_plot(plot: Path | None, force: bool) -> None:
+    """Raise `InputError` for a file that cannot be meant, before anything is measured."""
+    if plot is None:
+        return
+    if plot.suffix != ".svg":
+        raise InputError(f"--plot {plot}: is no .svg file", remedy="name it *.svg")
+    if plot.is_dir():
+        raise InputError(f"--plot {plot}: is a folder", remedy="name a file")
+    if plot.exists() and not force:
+        raise InputError(
+            f"--plot {plot}: exists already", remedy="name another file, or add --force"
+        )
+    if not plot.parent.is_dir():
+        raise InputError(f"--plot {plot}: there is no folder {plot.parent}", remedy="make it first")
+
+
+def _row(figures: EstimatorFigures) -> dict[str, Any]:
+    from pfaffian.runtime.sensing_bench import LAG_FREQUENCIES
+
+    row = asdict(figures)
+    for key in ("lag_deg", "delay_ms"):
+        values = zip(LAG_FREQUENCIES, row.pop(key), strict=True)
+        row |= {f"{key}_at_{w:g}": value for w, value in values}
+    return row
+
+
+def _print(
+    document: Mapping[str, Any], figures: Sequence[EstimatorFigures], chosen: EstimatorFigures
+) -> None:
+    from pfaffian.runtime.sensing_bench import LAG_FREQUENCIES
+
+    lags = [t for w in LAG_FREQUENCIES for t in (f"lag at {w:g} [deg]", "[ms]")]
+    rows = []
+    for f in figures:
+        pairs = zip(f.lag_deg, f.delay_ms, strict=True)
+        cells = [cell for lag, delay in pairs for cell in (f"{lag:.2f}", f"{delay:.2f}")]
+        noise = [f"{v:.4f}" for v in (f.moving, f.standstill, f.slow)]
+        mark = "*" if f == chosen else ""
+        rows.append([f.estimator, f"{f.bandwidth:g}{mark}", *cells, *noise])
+    output.table(
+        f"{document['counts_per_turn']:g} counts a turn, {1.0 / document['sample_time']:g} Hz, "
+        f"damping {document['damping']:.3g}: phase lag, RMS velocity error [rad/s]",
+        ("estimator", "w [rad/s]", *lags, "moving", "standstill", "slow"),
+        rows,
+    )
+    output.out.print(
+        f"* proposed: {chosen.estimator}, {chosen.bandwidth:g} rad/s, the least noise of those "
+        f"that delay {LAG_FREQUENCIES[-1]:g} rad/s by at most "
+        f"{1e3 * document['allowed_delay']:g} ms"
+    )

@@ -1,0 +1,198 @@
+/*
+ * Sensing; see pf_sensing.h.
+ *
+ * Both estimators predict the angle by the velocity, and correct with the prediction error r:
+ *
+ *     r = change + error - T velocity,    error <- error_kept r,    velocity <- velocity + gain r,
+ *
+ * `change` being what the angle changed by, and `error` the angle less its estimate. Only changes
+ * enter: no digits are lost however many turns were made. With a = w T/2 and
+ * D = 1 + 2 damping a + a^2, the tracking loop has
+ *
+ *     error_kept = (1 - 2 damping a + a^2)/D,    gain = 4 a^2/(D T),
+ *
+ * which puts its poles where the trapezoidal rule z = (1 + s T/2)/(1 - s T/2) takes the zeros of
+ * s^2 + 2 damping w s + w^2: inside the unit circle for every w T > 0. The filtered difference has
+ *
+ *     error_kept = 0,    gain = 2 a/((1 + a) T),
+ *
+ * its pole being where the rule takes -w. At constant velocity change = T velocity holds r at zero.
+ */
+#include "pf_sensing.h"
+
+#include <float.h>
+
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "intermediate results are kept in another precision than double: results would differ"
+#endif
+
+#define TWO_PI 6.283185307179586
+#define TWO_TO_32 4294967296.0
+#define LONGEST_GAP 64U
+#define LARGEST_REACH 0xffffffU /* counts: 2^63 of them take 17 years at 1 kHz */
+
+static int lies_within(double value, double least, double most)
+{
+    return (value >= least) && (value <= most); /* no NaN does */
+}
+
+static uint32_t mask_of(uint32_t bits)
+{
+    return 0xffffffffU >> (32U - bits);
+}
+
+static int counter_is_sound(const pf_sensing_params_t *params)
+{
+    uint32_t half, reach;
+
+    if ((params->counter_bits < 8U) || (params->counter_bits > 32U)) {
+        return 0;
+    }
+    half = mask_of(params->counter_bits) >> 1;
+    reach = (half < LARGEST_REACH) ? half : LARGEST_REACH;
+    return (params->counter_zero <= mask_of(params->counter_bits)) && (params->largest_jump >= 1U)
+        && (params->longest_gap <= LONGEST_GAP)
+        && (params->largest_jump <= reach / (params->longest_gap + 1U))
+        && ((params->direction == 1) || (params->direction == -1));
+}
+
+static int estimator_is_sound(const pf_sensing_params_t *params)
+{
+    return lies_within(params->counts_per_turn, 4.0, TWO_TO_32)
+        && lies_within(params->offset, -1000.0, 1000.0)
+        && lies_within(params->sample_time, 1e-6, 1.0)
+        && lies_within(params->bandwidth * params->sample_time, 1e-4, 1.0)
+        && lies_within(params->damping, 0.5, 2.0)
+        && ((params->estimator == (uint32_t)PF_SENSING_TRACKING)
+            || (params->estimator == (uint32_t)PF_SENSING_DIFFERENCE));
+}
+
+/* Member by member: a whole structure would be cleared by a library's memset. */
+static void clear(pf_sensing_state_t *state)
+{
+    state->error = 0.0;
+    state->velocity = 0.0;
+    state->radians_per_count = 0.0;
+    state->offset = 0.0;
+    state->sample_time = 0.0;
+    state->error_kept = 0.0;
+    state->velocity_gain = 0.0;
+    state->count = 0;
+    state->raw = 0U;
+    state->mask = 0U;
+    state->counter_zero = 0U;
+    state->largest_jump = 0U;
+    state->longest_gap = 0U;
+    state->missed = 0U;
+    state->ready = 0U;
+    state->started = 0U;
+}
+
+pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params)
+{
+    double a, resistance, denominator;
+
+    clear(state);
+    if (!counter_is_sound(params) || !estimator_is_sound(params)) {
+        return PF_SENSING_BAD_PARAMETER;
+    }
+    a = 0.5 * (params->bandwidth * params->sample_time);
+    if (params->estimator == (uint32_t)PF_SENSING_TRACKING) {
+        resistance = 2.0 * params->damping * a;
+        denominator = 1.0 + resistance + a * a;
+        state->error_kept = (1.0 - resistance + a * a) / denominator;
+        state->velocity_gain = 4.0 * a * a / (denominator * params->sample_time);
+    } else {
+        state->velocity_gain = 2.0 * a / ((1.0 + a) * params->sample_time);
+    }
+    state->radians_per_count = (double)params->direction * TWO_PI / params->counts_per_turn;
+    state->offset = params->offset;
+    state->sample_time = params->sample_time;
+    state->mask = mask_of(params->counter_bits);
+    state->counter_zero = params->counter_zero;
+    state->largest_jump = params->largest_jump;
+    state->longest_gap = params->longest_gap;
+    state->ready = 1U;
+    return PF_SENSING_OK;
+}
+
+/* The way from one reading to another, the shorter one round the counter [counts]. */
+static int64_t turned(uint32_t from, uint32_t to, uint32_t mask)
+{
+    const uint32_t up = (to - from) & mask;
+
+    return (up <= (mask >> 1)) ? (int64_t)up : -(int64_t)((from - to) & mask);
+}
+
+/* The 750 has no conversion of 64 bits: the compiler would call a library. */
+static double double_of(int64_t count)
+{
+    const uint64_t size = (count < 0) ? UINT64_C(0) - (uint64_t)count : (uint64_t)count;
+    const double value = (double)(uint32_t)(size >> 32) * TWO_TO_32 + (double)(uint32_t)size;
+
+    return (count < 0) ? -value : value;
+}
+
+/* Lets the estimator see a change of the angle [rad] that was spread evenly over some periods. */
+static void advance(pf_sensing_state_t *state, double change, uint32_t periods)
+{
+    const double share = change / (double)periods;
+    uint32_t i;
+
+    for (i = 0U; i < periods; ++i) {
+        const double error = share + state->error - state->sample_time * state->velocity;
+
+        state->error = state->error_kept * error;
+        state->velocity += state->velocity_gain * error;
+    }
+}
+
+static pf_sensing_status_t take(pf_sensing_state_t *state, uint32_t raw)
+{
+    const uint32_t periods = state->missed + 1U;
+    const int64_t way = turned(state->raw, raw, state->mask);
+    const int64_t reach = (int64_t)state->largest_jump * (int64_t)periods;
+
+    if ((way > reach) || (way < -reach)) {
+        state->missed = periods;
+        return PF_SENSING_JUMP;
+    }
+    advance(state, double_of(way) * state->radians_per_count, periods);
+    state->count += way;
+    state->raw = raw;
+    state->missed = 0U;
+    return PF_SENSING_OK;
+}
+
+static pf_sensing_status_t sense(pf_sensing_state_t *state, const pf_sensing_input_t *input)
+{
+    if (state->ready != 1U) {
+        return PF_SENSING_BAD_PARAMETER;
+    }
+    if (state->missed > state->longest_gap) {
+        return PF_SENSING_STALE;
+    }
+    if (input->valid == 0U) {
+        state->missed += 1U;
+        return (state->missed > state->longest_gap) ? PF_SENSING_STALE : PF_SENSING_MISSING;
+    }
+    if (state->started == 0U) {
+        state->raw = input->raw & state->mask;
+        state->count = turned(state->counter_zero, state->raw, state->mask);
+        state->missed = 0U;
+        state->started = 1U;
+        return PF_SENSING_OK;
+    }
+    return take(state, input->raw & state->mask);
+}
+
+pf_sensing_status_t pf_sensing_step(pf_sensing_state_t *state, const pf_sensing_input_t *input,
+    pf_sensing_output_t *output)
+{
+    const pf_sensing_status_t status = sense(state, input);
+
+    output->angle = double_of(state->count) * state->radians_per_count + state->offset;
+    output->velocity = state->velocity;
+    output->count = state->count;
+    return status;
+}
