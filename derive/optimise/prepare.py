@@ -117,6 +117,8 @@ def _texts(step: Program) -> tuple[dict[int, str], dict[int, str]]:
                 for x in (a, b)
             ]
             texts[index] = sides[0] + signs[i.op] + sides[1]
+            if a == b and i.op in (Op.ADD, Op.MUL):
+                texts[index] = f"2 {sides[0]}" if i.op is Op.ADD else f"{sides[0]}^2"
             names[index] = _words(step, i, names)
         elif i.op is Op.NEG:
             texts[index], names[index] = f"-{texts[i.args[0]]}", f"minus_{names[i.args[0]]}"
