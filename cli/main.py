@@ -129,7 +129,7 @@ def plan(
     seed: Annotated[int, typer.Option(help="What the random starts follow from.")] = 0,
     coarse: Annotated[int, typer.Option(help="Intervals of the coarse grid.")] = 40,
     nodes: Annotated[int, typer.Option(help="Intervals of the fine grid, about.")] = 150,
-    draws: Annotated[int, typer.Option(help="Runs of each case that follow it, 5 % off.")] = 5,
+    draws: Annotated[int, typer.Option(help="Runs that follow it, 5 % off, in each case.")] = 5,
     check: Annotated[
         Path | None, typer.Option(help="Only check the plan in this file against the ODE.")
     ] = None,

@@ -43,8 +43,8 @@ class FollowOptions:
 
     def __post_init__(self) -> None:
         """Raise `InputError` for a number of draws out of bounds."""
-        if not 1 <= self.draws <= 1000:
-            raise InputError(f"--draws: {self.draws}", remedy="give 1 to 1000")
+        if not 0 <= self.draws <= 1000:
+            raise InputError(f"--draws: {self.draws}", remedy="give 0 to 1000")
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class FollowingLaw:
         gain = self._gain(row.rows[-1], path.states[-1])
         self._kappa = options.rate / float(np.sum(gain**2))
         self._offset: Array | None = None
-        self._limits = np.array(plan.problem.torque_limits)
+        self._limits = np.array(plan.problem.available_limits)
 
     def reference(self, time: float) -> tuple[Array, Array]:
         """Return (q, q') and (q', q'') of the plan at `time`."""
@@ -135,12 +135,13 @@ def follow_plan(
     plants = [numeric_plant(derivation, {**known, **c}) for c in changes]
     own = np.array(plan.problem.start)
     share = f"{100.0 * options.spread:g} %"
-    return (
-        _fly("as planned", plan, nominal, [(nominal, own)], options),
-        _fly(f"start off by {share}", plan, nominal, [(nominal, x) for x in starts], options),
-        _fly(f"parameters off by {share}", plan, nominal, [(p, own) for p in plants], options),
-        _fly("both", plan, nominal, list(zip(plants, starts, strict=True)), options),
+    cases = (
+        ("as planned", [(nominal, own)]),
+        (f"start off by {share}", [(nominal, x) for x in starts]),
+        (f"parameters off by {share}", [(p, own) for p in plants]),
+        ("both", list(zip(plants, starts, strict=True))),
     )
+    return tuple(_fly(case, plan, nominal, flights, options) for case, flights in cases if flights)
 
 
 def _with_defaults(derivation: Derivation, values: Mapping[str, float]) -> dict[str, float]:
@@ -191,7 +192,7 @@ def _run(
 ) -> Run:
     """Fly the plan and hold the goal; a run that leaves for infinity ends there."""
     problem, path = plan.problem, plan.trajectory
-    n, period, limits = plant.n, problem.sample_time, np.array(problem.torque_limits)
+    n, period, limits = plant.n, problem.sample_time, np.array(problem.available_limits)
     slopes = np.hstack([path.states[:, n:], plan.accelerations])
     reference = Curve(path.times, path.states, slopes)
     steps, planned = (round(t / period) for t in (path.end_time + options.hold, path.end_time))

@@ -197,7 +197,7 @@ def _coarse(
     problem: Problem, rates: Any, options: PlanOptions, progress: Callable[[int], None]
 ) -> list[_Found]:
     """Return the solutions from all random starts, the cheapest first."""
-    shooting = Shooting(problem, rates, Grid(options.coarse, 2, 1e-6, 400), None)
+    shooting = Shooting(problem, rates, Grid(options.coarse, 2, 1e-6, 1000), None)
     found = []
     for number in range(options.starts):
         guess = random_guess(problem, options.coarse, options.seed, number)

@@ -63,8 +63,9 @@ class Problem:
 
     `start` and `goal` are (q, q') (2n,); `start_torque` and `goal_torque` (m,) hold the plant
     there, but `start_torque` is 0 where none does: the plant is let go there. `torque_limits`
-    (m,), `speed_limits` (n,), infinite where there is none. `parameters` are those the plant's
-    acceleration depends on, and `model_sha256` identifies the equations.
+    (m,) bind the plan; a law that follows it has `available_limits` (m,), those of the set where
+    they are larger. `speed_limits` (n,) are infinite where there is none. `parameters` are those
+    the plant's acceleration depends on, and `model_sha256` identifies the equations.
     """
 
     model: str
@@ -76,6 +77,7 @@ class Problem:
     start_torque: tuple[float, ...]
     goal_torque: tuple[float, ...]
     torque_limits: tuple[float, ...]
+    available_limits: tuple[float, ...]
     speed_limits: tuple[float, ...]
     end_time: tuple[float, float]
     sample_time: float
@@ -137,6 +139,7 @@ def plan_problem(
         start_torque=released,
         goal_torque=held,
         torque_limits=tuple(limits),
+        available_limits=tuple(map(max, limits, own)),
         speed_limits=tuple(speeds),
         end_time=_end_time(options, plant, start, sample),
         sample_time=sample,
