@@ -105,6 +105,54 @@ def design(
 
 
 @app.command()
+def plan(
+    model: Model,
+    set_name: SetName = None,
+    params: Params = None,
+    end_time: Annotated[
+        str, typer.Option(help='When to arrive, or a range to choose from: "1.5 s", 1:3.')
+    ] = "",
+    torque_limit: Annotated[
+        str, typer.Option(help='Instead of the set\'s: "2 N*m", or NAME=VALUE,...')
+    ] = "",
+    speed_limit: Annotated[str, typer.Option(help="q1=12,q2=15: limits of the rates.")] = "",
+    weights: Annotated[
+        str, typer.Option(help="effort=1,smoothness=0.001,speed=0.001,time=0.1 of the cost.")
+    ] = "",
+    start: Annotated[
+        str, typer.Option(help='Where to start at rest [hanging]: "x=1 m,theta=0".')
+    ] = "",
+    riccati: Annotated[
+        str, typer.Option(help="Weights Q1,..,Q2n[,R] of (q, q') for the row along the plan.")
+    ] = "",
+    seeds: Annotated[int, typer.Option(help="Random starts on the coarse grid.")] = 12,
+    seed: Annotated[int, typer.Option(help="What the random starts follow from.")] = 0,
+    coarse: Annotated[int, typer.Option(help="Intervals of the coarse grid.")] = 40,
+    nodes: Annotated[int, typer.Option(help="Intervals of the fine grid, about.")] = 150,
+    draws: Annotated[int, typer.Option(help="Runs that follow it, 5 % off, in each case.")] = 5,
+    check: Annotated[
+        Path | None, typer.Option(help="Only check the plan in this file against the ODE.")
+    ] = None,
+    written: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the plan, *.json.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw it, *.svg.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+    json: Json = False,
+) -> None:
+    """Plan a motion from rest to the setpoint, such as a swing-up, and fly it."""
+    from pfaffian.cli.plan import PlanFiles, plan_motion
+    from pfaffian.derive.plan.wishes import Wishes
+
+    wishes = Wishes(
+        end_time, torque_limit, speed_limit, weights, start, riccati, seeds, seed, coarse, nodes
+    )
+    plan_motion(
+        model, wishes, PlanFiles(set_name, params, check, written, plot, force), draws, json
+    )
+
+
+@app.command()
 def generate(
     model: Model,
     set_name: SetName = None,

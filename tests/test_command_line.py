@@ -25,6 +25,7 @@ COMMANDS = (
     "derive",
     "audit",
     "design",
+    "plan",
     "certify",
     "generate",
     "verify",
