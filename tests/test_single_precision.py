@@ -242,9 +242,12 @@ def test_every_function_is_within_the_limit_and_the_target_has_the_same_bits(nam
     subjects = [MachineSubject(hosts[name], "c-host")]
     target = MachineSubject(ppc750_model(folders[name]), "c-ppc750")
     found = verify(
-        derivation_of(source), model, sets, subjects, target, 1500, 1500, unit=SINGLE_UNIT
+        *(derivation_of(source), model, sets, subjects, target, 1500, 1500),
+        unit=SINGLE_UNIT,
+        witness=MachineSubject(twice_rounding_model(folders[name]), "c-host-rounding-twice"),
     )
     assert found.passed
+    assert found.emulator_roundings <= 3
     assert 0.3 < found.worst_scaled_ulp <= LIMIT_ULP
     assert found.target_mismatches == 0
     assert found.undecided <= 10

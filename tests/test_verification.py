@@ -12,6 +12,7 @@ from pfaffian.derive.verify.compare import FUNCTIONS, LIMIT_ULP, verify
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle
 from pfaffian.derive.verify.sampling import draw
+from pfaffian.derive.verify.unit import DOUBLE_UNIT
 from pfaffian.runtime.generated_model import host_model, open_generated, ppc750_model
 from pfaffian.runtime.subjects import MachineSubject, PythonSubject
 
@@ -136,3 +137,29 @@ def test_every_sample_has_a_positive_definite_mass_matrix(source):
     for c in model.coordinates:
         assert np.abs(values[c.name]).max() <= c.bound
         assert np.abs(values[c.name]).max() > 0.9 * c.bound
+
+
+def test_a_comparison_within_the_rounding_of_its_sides_is_left_undecided():
+    """The torque of this two-wheeled robot cancels down to its limit: either branch is right."""
+    robot = find_model("two_wheeled")
+    block = derivation_of(robot).block("step")
+    at = {
+        "phi": -8262.330462763573, "psi": -396.1854559504574, "dphi": -936.1538408804115,
+        "dpsi": -630.5234920443581, "engaged": 1.0, "constraint_offset": -16.589292827618497,
+        "drift_previous": 1.926528455215355e-06, "bound_estimate": 0.01865040213730726,
+        "leakage_decay": 0.9103904061244579, "adaptation_step": 0.00866056876439407,
+        "wheel_mass": 0.030870840404089987, "radius": 1.863198562006751e-06,
+        "wheel_inertia": 0.00011293056162149922, "body_mass": 1.264462020632877e-06,
+        "height": 0.0003096850198040675, "body_inertia": 7.967035767022973e-06,
+        "rotor_inertia": 3766.8498024244836, "gear": 8276.54304776162, "g": 1.4652999388083627,
+        "weight_phi": -7197.189719567613, "rate_phi": 1.3435952595302438e-05,
+        "rate_psi": 8.90427926093584, "sigma": 14802.636115554656, "eta": 3.1450129942278426,
+        "kappa": 0.05343286849312817, "epsilon": 0.07912999231617145,
+        "sample_time": 0.0002933932989054527, "torque_limit": 0.0003141966659317948,
+        "singular_threshold": 2.4083402716537086e-06, "phid": -0.00015848577808362638,
+        "psid": 0.15268433025327877,
+    }  # fmt: skip
+    ordinary = dict.fromkeys(at, 0.1) | library_sets(lowered_model(robot), robot)[0].as_dict()
+    both = {n: np.array([at[n], ordinary[n]]) for n in at}
+    close = Condition(block).close_calls(both, LIMIT_ULP * 2.0**-DOUBLE_UNIT.digits)
+    assert close.tolist() == [True, False]

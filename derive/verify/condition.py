@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from pfaffian.derive.block import Block
+from pfaffian.derive.functions import side
+from sympy.core.relational import Relational
 
 Array = np.ndarray[Any, Any]
 #: The derivative of a sign is zero wherever it exists; no sample sits on the jump itself.
@@ -40,6 +42,15 @@ class Condition:
         """Differentiate each definition once, by each symbol it contains."""
         self.block = block
         self._steps = [_step(d.symbol, d.expression) for d in block.definitions]
+        # Of |x| at 0 the slope: 0 where x is 0 exactly, as of s - s; 1 where rounding may move it.
+        self._moving = [_step(d.symbol, d.expression, side) for d in block.definitions]
+        inputs = set(block.symbols)
+        relations = set().union(*(d.expression.atoms(Relational) for d in block.definitions))
+        self._differences = [
+            _step(sp.Dummy(), relation.lhs - relation.rhs, side)
+            for relation in sorted(relations, key=sp.default_sort_key)
+            if not relation.free_symbols <= inputs
+        ]
 
     def __call__(self, values: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return the named and the input scale of each output by name, shape (N,)."""
@@ -71,13 +82,33 @@ class Condition:
                 lost |= (size != 0.0) & (size < unit * _total(list(weights.values()), len(lost)))
         return lost
 
-    def _evaluated(self, values: Mapping[str, Array]) -> tuple[dict[str, Array], list[list[Array]]]:
+    def close_calls(self, values: Mapping[str, Array], unit: float) -> Array:
+        """Return the samples with a comparison nearer than its sides' scale times `unit`: (N,).
+
+        Rounding alone may decide it, as of a torque that large terms cancel down to its limit.
+        """
+        known, local = self._evaluated(values, self._moving)
+        count = len(next(iter(values.values())))
+        close = np.zeros(count, bool)
+        with np.errstate(all="ignore"):
+            for difference in self._differences:
+                arguments = [known[n] for n in difference.needs]
+                reach = np.zeros(count)
+                for name, partial in zip(difference.needs, difference.partials, strict=True):
+                    weights = self._weights(name, known, local)
+                    reach = reach + np.abs(partial(*arguments)) * _total([*weights.values()], count)
+                close |= np.abs(difference.value(*arguments)) <= unit * reach
+        return close
+
+    def _evaluated(
+        self, values: Mapping[str, Array], steps: list[_Step] | None = None
+    ) -> tuple[dict[str, Array], list[list[Array]]]:
         """Return every value by name, and the partial derivatives of each definition."""
         count = len(next(iter(values.values())))
         known: dict[str, Array] = dict(values)
         local: list[list[Array]] = []
         with np.errstate(all="ignore"):
-            for step in self._steps:
+            for step in self._steps if steps is None else steps:
                 arguments = [known[n] for n in step.needs]
                 known[step.name] = _full(step.value(*arguments), count)
                 local.append([_full(p(*arguments), count) for p in step.partials])
@@ -113,11 +144,12 @@ def _full(value: Any, count: int) -> Array:
     return np.broadcast_to(np.asarray(value, dtype=float), (count,))
 
 
-def _step(symbol: sp.Symbol, expression: sp.Basic) -> _Step:
+def _step(symbol: sp.Symbol, expression: sp.Basic, sign: Any = sp.sign) -> _Step:
     needs = sorted(expression.free_symbols, key=lambda s: s.name)
+    slopes = [expression.diff(s).replace(sp.sign, sign) for s in needs]
     return _Step(
         symbol.name,
         tuple(s.name for s in needs),
         sp.lambdify(needs, expression, modules=NUMPY),
-        tuple(sp.lambdify(needs, expression.diff(s), modules=NUMPY) for s in needs),
+        tuple(sp.lambdify(needs, slope, modules=NUMPY) for slope in slopes),
     )
