@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.c import emit_c
+from pfaffian.derive.emit.control import control_constants, control_structures, emit_control
 from pfaffian.derive.emit.emitter import Emission, Emitter
 from pfaffian.derive.emit.jacobian import emit_jacobian
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
 from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
 
-EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python)
+EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python, emit_control)
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ def generate(emission: Emission) -> Generation:
 
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
     model, real = emission.model, emission.precision.real
+    controls = emission.controls if emission.precision is DOUBLE else ()
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -63,4 +66,6 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         baked=emission.sets[0].name if emission.bake else "",
         files=digests,
         precision=emission.precision.name,
+        control_structures=control_structures(model) if controls else {},
+        control_sets={c.name: control_constants(emission, c) for c in controls},
     )

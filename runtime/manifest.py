@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pfaffian.runtime.errors import InputError
 
@@ -58,6 +59,8 @@ class Manifest:
     """What one generation consists of; written by the emitter, read by the runtime.
 
     `baked` names the parameter set that is folded into the step; it is empty where none is.
+    `control_structures` are those of the complete controller, by role, some members structures
+    themselves; `control_sets` its constants by parameter set. Both are empty where there is none.
     """
 
     abi: int
@@ -80,6 +83,8 @@ class Manifest:
     baked: str
     files: Mapping[str, str]
     precision: str = "double"
+    control_structures: Mapping[str, Structure] = field(default_factory=dict)
+    control_sets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def real(self) -> str:
@@ -99,10 +104,8 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST_NAME
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        structures = {
-            key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
-            for key, s in document.pop("structures").items()
-        }
+        structures = _structures(document.pop("structures"))
+        document["control_structures"] = _structures(document.get("control_structures", {}))
         document["parameters"] = tuple(Field(**f) for f in document["parameters"])
         for key in ("coordinates", "actuators", "limits", "status"):
             document[key] = tuple(document[key])
@@ -125,6 +128,13 @@ def read_manifest(folder: Path) -> Manifest:
             remedy="regenerate the model",
         )
     return manifest
+
+
+def _structures(document: Mapping[str, Any]) -> dict[str, Structure]:
+    return {
+        key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
+        for key, s in document.items()
+    }
 
 
 def _check_structures(structures: Mapping[str, Structure]) -> None:

@@ -160,6 +160,25 @@ def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:
     ]
 
 
+def runtime_c() -> Path:
+    """Return the folder of the C runtime."""
+    return Path(str(files("pfaffian.runtime").joinpath("c")))
+
+
+def control_sources(folder: Path, manifest: Manifest) -> list[Path]:
+    """Return the C files of a complete controller, runtime included, without any harness."""
+    c, name = folder / "c", manifest.model
+    optional = [c / f"{name}_{part}.c" for part in ("swing_up", "follow", "plan")]
+    return [
+        *controller_sources(folder, manifest),
+        *(path for path in optional if f"c/{path.name}" in manifest.files),
+        c / f"{name}_control.c",
+        c / f"{name}_control_params.c",
+        c / f"{name}_params.c",
+        *(runtime_c() / f"pf_{module}.c" for module in ("sensing", "supervisor")),
+    ]
+
+
 def batch_sources(folder: Path, manifest: Manifest) -> list[Path]:
     """Return the C files of the batch form; it is there where `--batch` was given."""
     c = folder / "c"
@@ -167,13 +186,19 @@ def batch_sources(folder: Path, manifest: Manifest) -> list[Path]:
 
 
 def compile_image(
-    target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str] = ()
+    target: Target,
+    sources: Sequence[Path],
+    include: Path,
+    extra: Sequence[str] = (),
+    also: Sequence[Path] = (),
 ) -> bytes:
     """Return the linked image of `sources` for `target`, from the cache where it is known.
 
-    Raises `CheckError` with the compiler's own words where it refuses.
+    Headers come from `include` and the folders `also`. Raises `CheckError` with the compiler's own
+    words where it refuses.
     """
-    headers = sorted(include.glob("*.h"))
+    folders = (include, *also)
+    headers = [path for folder in folders for path in sorted(folder.glob("*.h"))]
     version = subprocess.run(
         [*target.command, "--version"], capture_output=True, check=False, timeout=120
     ).stdout
@@ -183,10 +208,12 @@ def compile_image(
         b"absolute paths",  # images of relative ones may hold another folder's headers
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
-    return cached(f"image-{target.name}", key, lambda: _compile(target, sources, include, extra))
+    return cached(f"image-{target.name}", key, lambda: _compile(target, sources, folders, extra))
 
 
-def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str]) -> bytes:
+def _compile(
+    target: Target, sources: Sequence[Path], folders: Sequence[Path], extra: Sequence[str]
+) -> bytes:
     with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
         image = Path(scratch) / "image"
         libraries = ["-lm"] if target.name == "host" else []
@@ -196,7 +223,7 @@ def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequ
             *target.flags,
             *extra,
             # Absolute: zig's own cache takes the same words for the same headers in any folder.
-            f"-I{include.resolve()}",
+            *(f"-I{folder.resolve()}" for folder in folders),
             *(str(s.resolve()) for s in sources),
             "-o",
             str(image),

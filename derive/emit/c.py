@@ -107,7 +107,7 @@ def pointers(**sources: str) -> Callable[[int, Signal], str]:
     return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
 
 
-def _member_lines(structure: Structure) -> list[str]:
+def member_lines(structure: Structure) -> list[str]:
     lines = []
     for f in structure.fields:
         unit = f" [{f.unit}]" if f.unit else ""
@@ -184,7 +184,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "guard": model.name.upper(),
         "title": comment_text(model.title),
         "structures": {
-            role: {"name": s.name, "members": _member_lines(s), "names": s.names()}
+            role: {"name": s.name, "members": member_lines(s), "names": s.names()}
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],

@@ -1,0 +1,27 @@
+"""The structures of runtime/c, member by member in the order of their headers.
+
+The generator writes constants of them and the runtime fills records; neither needs the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+#: Members (name, NumPy type without byte order) of each structure of pf_sensing.h.
+SENSING: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "params": (
+        *((n, "f8") for n in ("counts_per_turn", "offset", "sample_time", "bandwidth", "damping")),
+        *((n, "u4") for n in ("estimator", "counter_bits", "counter_zero", "largest_jump")),
+        *(("longest_gap", "u4"), ("direction", "i4")),
+    ),
+    "input": (("raw", "u4"), ("valid", "u4")),
+    "state": (
+        *((n, "f8") for n in ("error", "velocity", "radians_per_count", "offset", "sample_time")),
+        *(("error_kept", "f8"), ("velocity_gain", "f8"), ("count", "i8")),
+        *((n, "u4") for n in ("raw", "mask", "counter_zero", "largest_jump", "longest_gap")),
+        *((n, "u4") for n in ("missed", "ready", "started")),
+    ),
+    "output": (("angle", "f8"), ("velocity", "f8"), ("count", "i8")),
+}
+#: Estimators by name, with their number in `pf_sensing_estimator_t`.
+ESTIMATORS = {"tracking": 0, "difference": 1}
