@@ -6,6 +6,7 @@ The generator writes constants of them and the runtime fills records; neither ne
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 #: Members (name, NumPy type without byte order) of each structure of pf_sensing.h.
 SENSING: Mapping[str, tuple[tuple[str, str], ...]] = {
@@ -25,3 +26,29 @@ SENSING: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 #: Estimators by name, with their number in `pf_sensing_estimator_t`.
 ESTIMATORS = {"tracking": 0, "difference": 1}
+
+#: Measures that a supervisor can look at.
+MEASURES = 8
+_TRANSITION = ("period", "frame", "from", "to", "reason", "fault")
+#: Members of each structure of pf_supervisor.h; a third entry is the length of an array.
+SUPERVISOR: Mapping[str, tuple[tuple[Any, ...], ...]] = {
+    "params": (
+        *((n, "f8", MEASURES) for n in ("capture_limit", "release_limit")),
+        *((n, "f8") for n in ("sample_time", "shortest_period", "longest_period")),
+        *((n, "f8") for n in ("watchdog_time", "swing_up_timeout")),
+        *((n, "u4") for n in ("capture_periods", "release_periods", "overruns", "attempts")),
+    ),
+    "input": (
+        ("measure", "f8", MEASURES),
+        ("elapsed", "f8"),
+        *((n, "u4") for n in ("measures", "frame", "heartbeat", "command", "checks")),
+    ),
+    "state": (
+        ("log", "u4", (16, len(_TRANSITION))),
+        *((n, "u4") for n in ("logged", "mode", "mode_inverse", "fault", "fault_inverse")),
+        *((n, "u4") for n in ("ready", "ready_inverse", "period", "since", "inside", "outside")),
+        *((n, "u4") for n in ("frame", "heartbeat", "silent", "overruns", "good", "releases")),
+        *((n, "u4") for n in ("reason", "started")),
+    ),
+    "output": tuple((n, "u4") for n in ("mode", "fault", "reason", "entered", "torque_allowed")),
+}

@@ -148,7 +148,7 @@ def _context(emission: Emission) -> dict[str, object]:
         "supervisor_checksum": _sums("supervisor", SUPERVISOR["params"]),
         "own_doubles": doubles,
         "own_words": [f.name for f in members if f.type == _U32],
-        "tolerances": [(n, 0) for n in doubles if n.startswith("plan_")],
+        "tolerances": [n for n in doubles if n.startswith("plan_")],
         "form": form_names(model),
         "residuals": [n for n in outputs if n == "s" or (n[0] == "s" and n[1:].isdigit())],
         "threshold": "singular_threshold",
@@ -178,10 +178,12 @@ def _slews(model: LoweredModel) -> tuple[str, ...]:
     return model.slews or ("",) * len(model.actuators)
 
 
-def _sums(pointer: str, members: tuple[tuple[str, str], ...]) -> list[str]:
+def _sums(pointer: str, members: Iterable[tuple[Any, ...]]) -> list[str]:
     """Return one statement a scalar member: it enters the checksum."""
     lines = []
-    for name, kind in members:
+    for name, kind, *length in members:
+        if length:
+            continue  # arrays come first, in a loop of their own
         if kind == "f8":
             lines.append(f"sum = pf_checksum_double(sum, {pointer}->{name});")
         elif kind in ("u4", "i4"):
