@@ -53,6 +53,8 @@ _DERIVATION_CODE = (
     "routh",
     "spec",
     "spec_check",
+    "swing_up",
+    "swing_up_limit",
     "zero_dynamics",
 )
 _LOWERING_CODE = (

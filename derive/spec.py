@@ -89,6 +89,20 @@ class RobustLaw:
 
 
 @dataclass(frozen=True)
+class SwingUp:
+    """The gains of the energy swing-up law, in V_L = kE E~^2/2 + kD q_a'^2/2 + kP q_a~^2/2.
+
+    E~ is the energy missing to the setpoint at rest, q_a the one coordinate that the one actuator
+    acts on; V_L falls at the rate `damping` q_a'^2.
+    """
+
+    position: sp.Symbol
+    rate: sp.Symbol
+    energy: sp.Symbol
+    damping: sp.Symbol
+
+
+@dataclass(frozen=True)
 class StabilityCondition:
     """A named closed-form condition `margin > 0` for stable zero dynamics, as a person reads it."""
 
@@ -102,7 +116,8 @@ class ModelSpec:
 
     Energies are written in physical parameters; `lumping` names the combinations the dynamics are
     rewritten in, and `eliminated` the physical symbols that those relations are solved for.
-    `uncertain_force` is F(q, q') of (1); it stands on the left-hand side.
+    `uncertain_force` is F(q, q') of (1); it stands on the left-hand side. `swing_up` names the
+    gains of the energy swing-up law, where the model has one.
     """
 
     name: str
@@ -120,6 +135,7 @@ class ModelSpec:
     lumping: tuple[tuple[sp.Symbol, sp.Expr], ...] = ()
     eliminated: tuple[sp.Symbol, ...] = ()
     stability: tuple[StabilityCondition, ...] = ()
+    swing_up: SwingUp | None = None
 
     @property
     def positions(self) -> tuple[sp.Symbol, ...]:
@@ -155,6 +171,11 @@ def _real(name: str) -> sp.Symbol:
 def symbols_of(parameters: Iterable[Parameter]) -> SimpleNamespace:
     """Return a namespace with one symbol a parameter, for writing a model down."""
     return SimpleNamespace(**{p.name: symbol_of(p) for p in parameters})
+
+
+def standard_swing_up(p: SimpleNamespace) -> SwingUp:
+    """Return the swing-up law whose gains have the names every model of this package uses."""
+    return SwingUp(position=p.kP, rate=p.kD, energy=p.kE, damping=p.kV)
 
 
 def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:

@@ -15,7 +15,13 @@ from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
-from pfaffian.runtime.manifest import MANIFEST_NAME, ROLES, Manifest, read_manifest
+from pfaffian.runtime.manifest import (
+    MANIFEST_NAME,
+    OPTIONAL_ROLES,
+    ROLES,
+    Manifest,
+    read_manifest,
+)
 from pfaffian.runtime.toolchain import (
     compile_image,
     harness_sources,
@@ -89,8 +95,9 @@ class GeneratedModel:
         """Check that the image on `machine` agrees with the manifest, byte order and sizes."""
         self.folder, self.machine = folder, machine
         structures = folder.manifest.structures
-        self._native = {role: layout_of(structures[role]) for role in ROLES}
-        self._there = {role: layout_of(structures[role], machine.byte_order) for role in ROLES}
+        roles = {r: k for k, r in enumerate((*ROLES, *OPTIONAL_ROLES)) if r in structures}
+        self._native = {role: layout_of(structures[role]) for role in roles}
+        self._there = {role: layout_of(structures[role], machine.byte_order) for role in roles}
         fault = machine.call("pf_target_check")
         if fault:
             raise CheckError(
@@ -98,7 +105,7 @@ class GeneratedModel:
                 f"(fault {fault:#x})",
                 remedy="use IEEE arithmetic, round to nearest, subnormals kept",
             )
-        for number, role in enumerate(ROLES):
+        for role, number in roles.items():
             size = machine.call("pf_sizeof", number)
             if size != self._there[role].itemsize:
                 raise CheckError(
@@ -186,6 +193,24 @@ class GeneratedModel:
             (params, "params", False),
             (measured, "input", False),
             (output, "continuous_output", True),
+        )
+
+    def swing_up(
+        self, params: Records, measured: Records, output: Records, status: Records
+    ) -> None:
+        """Evaluate the energy swing-up law; raise `InputError` where the model has none."""
+        if "swing_up_output" not in self._native:
+            raise InputError(
+                f"{self.folder.manifest.model} has no energy swing-up law",
+                remedy="declare one in its specification, then generate it again",
+            )
+        self._call(
+            "pf_batch_swing_up",
+            len(params),
+            (params, "params", False),
+            (measured, "input", False),
+            (output, "swing_up_output", True),
+            (status, "i4", True),
         )
 
     def acceleration(

@@ -26,6 +26,8 @@ ROLES = (
     "plant_input",
     "plant_rate",
 )
+#: Roles of structures that only some models have, numbered on.
+OPTIONAL_ROLES = ("swing_up_output",)
 #: C types of structure members, by the NumPy type of their bytes.
 MEMBER_TYPES = {"double": "f8", "float": "f4", "uint32_t": "u4"}
 #: The NumPy type of a real number by the precision of the C code.

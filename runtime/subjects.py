@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,12 @@ class MachineSubject:
         self.model.continuous(state, params, measured, output)
         return _columns(output)
 
+    def _swing_up(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        output, status = self.model.records("swing_up_output", count), np.zeros(count, np.int32)
+        params, measured = (self._filled(r, values, count) for r in ("params", "input"))
+        self.model.swing_up(params, measured, output, status)
+        return {**_columns(output), **_flags(status, self.model.folder.manifest.status)}
+
     def _acceleration(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         rate = self.model.records("plant_rate", count)
         params, state, applied = (
@@ -134,6 +140,11 @@ class PythonSubject:
         roles = ("continuous_state", "params", "input")
         return dict(vars(self._module.continuous(*(self._filled(r, values) for r in roles))))
 
+    def _swing_up(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        arguments = (self._filled(r, values) for r in ("params", "input"))
+        output, status = self._module.swing_up(*arguments)
+        return {**vars(output), **_flags(status, self._folder.manifest.status)}
+
     def _acceleration(self, values: Mapping[str, Array]) -> dict[str, Any]:
         roles = ("plant_params", "plant_state", "plant_input")
         return dict(vars(self._module.acceleration(*(self._filled(r, values) for r in roles))))
@@ -145,3 +156,11 @@ class PythonSubject:
 
 def _columns(records: Records) -> dict[str, Array]:
     return {n: records[n].astype(float) for n in records.dtype.names or ()}
+
+
+def _flags(status: Array, codes: Sequence[str]) -> dict[str, Array]:
+    """Return as numbers which samples have the status that each flag of a law stands for."""
+    return {
+        flag: (status == codes.index(flag.upper())).astype(float)
+        for flag in ("saturated", "near_singular")
+    }

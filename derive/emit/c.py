@@ -178,6 +178,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
+        "has_swing_up": model.has_program("swing_up"),
         **precision.names(),
         "abi": ABI_VERSION,
         "model": model.name,
@@ -214,6 +215,9 @@ def emit_c(emission: Emission) -> dict[str, str]:
     }
     elementary = {"header": header, **emission.elementary()}
     files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in precision.elementary_files}
+    swings = model.has_program("swing_up")
+    if swings:
+        context |= _swing_up(model, precision)
     for template, path in (
         ("pf_scalar.h", f"pf_scalar{precision.suffix}.h"),
         ("pf_model.h", "pf_model.h"),
@@ -225,6 +229,14 @@ def emit_c(emission: Emission) -> dict[str, str]:
         ("continuous.c", f"{model.name}_continuous.c"),
         ("plant.h", f"{model.name}_plant.h"),
         ("plant.c", f"{model.name}_plant.c"),
+        *((f"swing_up.{end}", f"{model.name}_swing_up.{end}") for end in "hc" if swings),
     ):
         files[f"c/{path}"] = fill(f"c/{template}.j2", context)
     return files
+
+
+def _swing_up(model: LoweredModel, precision: Precision) -> dict[str, object]:
+    """Return what the templates of the energy swing-up law are filled with besides."""
+    program, checks = with_checks(model.program("swing_up"))
+    body = body_of(program, pointers(input="input", parameter="params"), precision.dialect)
+    return {"swing_up": body, "swing_up_checked": [body.results[name] for name in checks]}

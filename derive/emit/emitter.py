@@ -99,8 +99,10 @@ class Emission:
         for program in (*self.model.programs, *self.jacobians):
             _check_program(self.model.name, program)
         _check_sets(self.sets)
+        taken = [n for n in ("step", "swing_up") if self.model.has_program(n)]
         for s in self.sets:
-            self.precision.check_set(self.model.parameters_of("step"), s)
+            for name in taken:
+                self.precision.check_set(self.model.parameters_of(name), s)
 
     def parameters_sha256(self) -> str:
         """Return one digest of all parameter sets with their names."""

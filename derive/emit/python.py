@@ -83,6 +83,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
     checked, checks = with_checks(step)
     context: dict[str, object] = {
         "header": emission.banner(),
+        "has_swing_up": model.has_program("swing_up"),
         "title": comment_text(model.title),
         "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
@@ -139,6 +140,11 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "setpoint": python_body(model.program("setpoint"), controller),
         "input_gain": python_body(model.program("input_gain"), controller),
     }
+    if model.has_program("swing_up"):
+        swing_up, swing_up_checks = with_checks(model.program("swing_up"))
+        context["swing_up"] = python_body(swing_up, controller)
+        context["swing_up_checked"] = swing_up_checks
+        context["swing_up_names"] = structures["swing_up_output"].names()
     return {
         f"{model.name}.py": fill("python/model.py.j2", context),
         "__init__.py": fill("python/package.py.j2", context),
