@@ -19,21 +19,23 @@ def fly_scenario(
     reference: str, mode: str, set_name: str | None, generated: Path | None, as_json: bool
 ) -> None:
     """Fly a scenario on the host, or on the emulator `mode` and compare with the host."""
+    from pfaffian.cli.twins import twin_document
     from pfaffian.runtime.scenario import read_scenario
+    from pfaffian.runtime.twin.read import is_twin
 
     if mode != "host" and mode not in EMULATORS:
         raise InputError(f"unknown emulator {mode}", remedy=f"known: {', '.join(EMULATORS)}")
-    scenario = read_scenario(reference, generated, set_name)
-    if mode == "host":
-        _, document = fly_host(scenario)
+    if is_twin(reference):
+        document = twin_document(reference, mode, set_name, generated)
     else:
-        _, document = fly_both(scenario)
-    differing = document.get("differing_bits", 0)
+        scenario = read_scenario(reference, generated, set_name)
+        _, document = fly_host(scenario) if mode == "host" else fly_both(scenario)
+    differing, name = document.get("differing_bits", 0), document["scenario"]
     output.deliver(
         document,
         as_json,
         lambda: _print_flight(document),
-        f"{scenario.name}: {differing} bits differ between host and target" if differing else "",
+        f"{name}: {differing} bits differ between host and target" if differing else "",
     )
 
 
