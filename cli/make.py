@@ -53,6 +53,7 @@ def generate_files(
     from pfaffian.derive.pipeline import (
         StageClock,
         jacobian_programs,
+        library_controls,
         library_sets,
         lowered_model,
         parameter_set,
@@ -86,7 +87,10 @@ def generate_files(
     with source.blamed():
         single = {} if precision is DOUBLE else single_elementary()
         generation = generate(
-            Emission(model, sets, extras.bake, jacobians, extras.batch, precision, single)
+            Emission(
+                *(model, sets, extras.bake, jacobians, extras.batch, precision, single),
+                controls=() if extras.bake else library_controls(model, source, sets),
+            )
         )
     clock.record("emit", since)
     target = (

@@ -36,8 +36,8 @@ def twin_document(
 
 
 def _fly(scenario: TwinScenario, model: GeneratedModel, machine: str, wanted: Wanted) -> Flight:
+    from pfaffian.runtime.twin.controllers import CONTROLLERS
     from pfaffian.runtime.twin.flight import fly_twin
-    from pfaffian.runtime.twin.units import CONTROLLERS
 
     place = "the host" if machine == "host" else "the emulated PowerPC 750GX"
     unit = CONTROLLERS[scenario.controller](scenario, model, machine)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.runtime.c_layout import ESTIMATORS, MEASURES
+from pfaffian.runtime.c_layout import BALANCE_LAWS, ESTIMATORS, MEASURES, SWING_UP_LAWS
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import parse_quantity
@@ -27,8 +27,6 @@ SCALARS = {
     "torque_jump": "",
     "form": "",
 }
-SWING_UP = {"none": 0, "energy": 1, "plan": 2}
-BALANCE = {"robust": 0, "nominal": 1, "feedback": 2}
 _ENCODER = {
     "counts_per_turn": ("", 5000.0),
     "offset": ("rad", 0.0),
@@ -141,15 +139,15 @@ def _own(
     for c in model.coordinates:
         turns = _table(encoders, c.name, path).get("turns", c.unit == "rad")
         own[f"{c.name}_turns"] = int(bool(turns))
-    swing_up = _word(document, "swing_up", SWING_UP, "energy", f"{path}")
-    if swing_up == SWING_UP["plan"] and path.stem not in plans:
+    swing_up = _word(document, "swing_up", SWING_UP_LAWS, "energy", f"{path}")
+    if swing_up == SWING_UP_LAWS["plan"] and path.stem not in plans:
         raise InputError(
             f"{path}: swing_up = plan, but there is no plan for parameter set {path.stem}",
             remedy=f"plan one: pfaffian plan {model.name} --set {path.stem}",
         )
     own["plan"] = plans.index(path.stem) + 1 if path.stem in plans else 0
     own["swing_up"] = swing_up
-    own["balance"] = _word(document, "balance", BALANCE, "robust", f"{path}")
+    own["balance"] = _word(document, "balance", BALANCE_LAWS, "robust", f"{path}")
     return own
 
 
@@ -219,9 +217,7 @@ def _word(
 ) -> int:
     word = table.get(key, default)
     if word not in known:
-        raise InputError(
-            f"{where}.{key} = {word!r}", remedy=suggestion(str(word), list(known))
-        )
+        raise InputError(f"{where}.{key} = {word!r}", remedy=suggestion(str(word), list(known)))
     return known[str(word)]
 
 

@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pfaffian.derive.control_set import ControlSet, control_paths, read_control
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
 from pfaffian.derive.parameter_set import ParameterSet, resolve_set
@@ -189,3 +190,18 @@ def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> Param
 def library_sets(model: LoweredModel, folder: ModelFolder) -> tuple[ParameterSet, ...]:
     """Return every parameter set that comes with the model, sorted by name."""
     return tuple(parameter_set(model, folder, path) for path in folder.sets().values())
+
+
+def library_controls(
+    model: LoweredModel, folder: ModelFolder, sets: tuple[ParameterSet, ...]
+) -> tuple[ControlSet, ...]:
+    """Return the complete controllers that come with the model, of the parameter sets in `sets`."""
+    paths, plans = control_paths(folder.path), ()
+    return tuple(
+        read_control(paths[s.name], model, s.as_dict(), plans) for s in sets if s.name in paths
+    )
+
+
+def plan_names(folder: ModelFolder) -> tuple[str, ...]:
+    """Return the names of the plans that come with the model, sorted."""
+    return tuple(p.stem for p in sorted((folder.path / "plans").glob("*.json")))

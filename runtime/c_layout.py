@@ -26,6 +26,9 @@ SENSING: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 #: Estimators by name, with their number in `pf_sensing_estimator_t`.
 ESTIMATORS = {"tracking": 0, "difference": 1}
+#: Laws of a complete controller by name, with their numbers in the generated header.
+SWING_UP_LAWS = {"none": 0, "energy": 1, "plan": 2}
+BALANCE_LAWS = {"robust": 0, "nominal": 1, "feedback": 2}
 
 #: Measures that a supervisor can look at.
 MEASURES = 8

@@ -25,6 +25,7 @@ Array = np.ndarray[Any, Any]
 STATUSES = ("ok", "missing", "jump", "stale", "bad parameter")
 OK, MISSING, JUMP, STALE, BAD_PARAMETER = range(len(STATUSES))
 
+
 @dataclass(frozen=True)
 class SensingParameters:
     """One channel, as `pf_sensing_params_t` describes it; SI units, angles in rad.

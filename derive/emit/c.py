@@ -108,6 +108,7 @@ def pointers(**sources: str) -> Callable[[int, Signal], str]:
 
 
 def member_lines(structure: Structure) -> list[str]:
+    """Return one line of C a member of `structure`, its meaning and unit in a comment."""
     lines = []
     for f in structure.fields:
         unit = f" [{f.unit}]" if f.unit else ""
@@ -178,6 +179,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
+        "has_control": bool(emission.controls) and precision is DOUBLE,
         "has_swing_up": model.has_program("swing_up"),
         **precision.names(),
         "abi": ABI_VERSION,

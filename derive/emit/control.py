@@ -90,7 +90,9 @@ def _output(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field
         yield Field(a.name, _REAL, a.unit, "torque, slew and limit kept")
     for name, unit in zip(state_names(model), _units(model), strict=True):
         yield Field(name, _REAL, unit, "as the law was given it")
-    yield Field("law", law["output"].name, "", "of the law in use, else of the balance law on trial")
+    yield Field(
+        "law", law["output"].name, "", "of the law in use, else of the balance law on trial"
+    )
     yield Field("energy_error", _REAL, "J", "energy less that of the goal")
     yield Field("form", _REAL, "", "quadratic form of the capture set")
     for name, text in (
@@ -140,7 +142,7 @@ def _context(emission: Emission) -> dict[str, object]:
         "coordinates": [c.name for c in model.coordinates],
         "actuators": [a.name for a in model.actuators],
         "bounds": {n: DOUBLE.literal(b) for n, b in measured_bounds(model)},
-        "plans": [snake(p.name) for p in emission.plans],
+        "plans": [snake(p.name) for p in getattr(emission, "plans", ())],
         "has_swing_up": model.has_program("swing_up"),
         "has_time": TIME_NAME in law["input"].names(),
         "setpoint": _setpoint(setpoint),
@@ -175,7 +177,8 @@ def _setpoint(body: Body) -> dict[str, object]:
 
 
 def _slews(model: LoweredModel) -> tuple[str, ...]:
-    return model.slews or ("",) * len(model.actuators)
+    known = [p.name for p in model.parameters]
+    return ("slew_limit" if "slew_limit" in known else "",) * len(model.actuators)
 
 
 def _sums(pointer: str, members: Iterable[tuple[Any, ...]]) -> list[str]:

@@ -20,13 +20,13 @@ import numpy as np
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.scenario import find_scenario
+from pfaffian.runtime.twin.controllers import CONTROLLERS
 from pfaffian.runtime.twin.flight import fly_twin
 from pfaffian.runtime.twin.read import twin_of
 from pfaffian.runtime.twin.recording import Wanted
 from pfaffian.runtime.twin.rig import plant_model
 from pfaffian.runtime.twin.settings import TwinScenario
 from pfaffian.runtime.twin.statistics import Statistics
-from pfaffian.runtime.twin.units import CONTROLLERS
 
 Document = dict[str, Any]
 Progress = Callable[[int, int], None]
@@ -64,7 +64,8 @@ class Campaign:
         try:
             return twin_of(case.document, self.path, generated)
         except InputError as error:
-            raise InputError(f"{self.name} ({case.name}): {error.message}", error.remedy) from error
+            what = f"{self.name} ({case.name}): {error.message}"
+            raise InputError(what, remedy=error.remedy) from error
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def _points(axis: Any, where: str) -> list[tuple[str, str, Document]]:
     _check(axis, _AXIS, _AXIS, where)
     points = axis["point"]
     if not isinstance(points, list) or not points:
-        raise InputError(f"{where}: point must be an array of tables", "write [[axis.point]]")
+        raise InputError(f"{where}: point is no array of tables", remedy="write [[axis.point]]")
     found = []
     for k, point in enumerate(points):
         here = f"{where}, point {k + 1}"
@@ -156,8 +157,10 @@ def _merged(document: Document, change: Document) -> Document:
     merged = deepcopy(document)
     for key, value in change.items():
         old = merged.get(key)
-        both = isinstance(value, dict) and isinstance(old, dict)
-        merged[key] = _merged(old, value) if both else deepcopy(value)
+        if isinstance(value, dict) and isinstance(old, dict):
+            merged[key] = _merged(old, value)
+        else:
+            merged[key] = deepcopy(value)
     return merged
 
 

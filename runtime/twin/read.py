@@ -10,11 +10,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from pfaffian.runtime.c_layout import BALANCE_LAWS, SWING_UP_LAWS
 from pfaffian.runtime.documents import read_toml
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.scenario import Scenario, check_plant, find_scenario, scenario_of
 from pfaffian.runtime.sensing import Encoder
 from pfaffian.runtime.twin import events
+from pfaffian.runtime.twin.controllers import CONTROLLERS
 from pfaffian.runtime.twin.settings import (
     LONGEST_SUBSTEP,
     Channel,
@@ -24,11 +26,10 @@ from pfaffian.runtime.twin.settings import (
     TwinScenario,
 )
 from pfaffian.runtime.twin.tables import Table
-from pfaffian.runtime.twin.units import CONTROLLERS
 
 _KEYS = (
     *("controller", "rigs", "seed", "actuator", "sampling", "encoder", "friction", "spread"),
-    *("disturbance", "push", "fault", "command", "tolerance"),
+    *("disturbance", "push", "fault", "command", "tolerance", "control"),
 )
 _DRIVE = ("limit", "time_constant", "delay", "delay_spread", "slew", "bits")
 _ENCODER = (
@@ -56,7 +57,16 @@ def read_twin(
     impossible.
     """
     path = find_scenario(reference)
-    document = read_toml(path)
+    return twin_of(read_toml(path), path, generated, set_name)
+
+
+def twin_of(
+    document: dict[str, object],
+    path: Path,
+    generated: Path | None = None,
+    set_name: str | None = None,
+) -> TwinScenario:
+    """Return the scenario in `document`, as `read_twin` does; `path` is for messages."""
     if "twin" not in document:
         raise InputError(f"{path}: missing twin", remedy="add a [twin] table to the scenario")
     table = Table(document["twin"], f"{path}: twin", _KEYS)
@@ -83,6 +93,7 @@ def read_twin(
         faults=events.faults(table, base),
         orders=events.orders(table),
         tolerance=_tolerance(table, base),
+        control=_control(table),
     )
     _check_spread(scenario, path)
     return scenario
@@ -205,6 +216,23 @@ def _initial_spread(table: Table, base: Scenario) -> dict[str, float]:
     part = table.part("spread", ("plant", "initial")).part("initial", tuple(base.initial))
     units = events.units(base, "plant_state")
     return {n: part.quantity(n, units[n], 0.0, 0.0) for n in part.raw}
+
+
+def _control(table: Table) -> dict[str, float | int]:
+    """Return changes of the complete controller's members: numbers in SI units, laws by name."""
+    words = {"swing_up": SWING_UP_LAWS, "balance": BALANCE_LAWS}
+    part = table.part("control", None)
+    found: dict[str, float | int] = {}
+    for key, raw in part.raw.items():
+        known = words.get(key)
+        value = known.get(str(raw)) if known else raw
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(
+                f"{part.at(key)} = {raw!r}",
+                remedy=f"known: {', '.join(known)}" if known else "give a number in SI units",
+            )
+        found[key] = value
+    return found
 
 
 def _tolerance(table: Table, base: Scenario) -> dict[str, float]:

@@ -138,7 +138,8 @@ class TwinScenario:
     `spread` and `initial_spread` are half-widths of uniform draws, relative ones of parameters of
     the plant and absolute ones (SI) of the start. `channels` holds an encoder by coordinate, and is
     empty where the controller is told the plant's true state. `tolerance` is the largest error by
-    coordinate (SI) at which a rig counts as captured.
+    coordinate (SI) at which a rig counts as captured. `control` changes members of the complete
+    controller, by path, SI units.
     """
 
     base: Scenario
@@ -157,6 +158,7 @@ class TwinScenario:
     orders: tuple[Order, ...] = (Order(0.0, "start"),)
     tolerance: Mapping[str, float] = field(default_factory=dict)
     first_rig: int = 0
+    control: Mapping[str, float | int] = field(default_factory=dict)
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -14,12 +14,12 @@ from pfaffian.runtime.quantity import parse_quantity
 class Table:
     """One table of the document; `where` names file and table in messages."""
 
-    def __init__(self, raw: object, where: str, keys: tuple[str, ...]) -> None:
-        """Raise `InputError` unless `raw` is a table whose keys are all in `keys`."""
+    def __init__(self, raw: object, where: str, keys: tuple[str, ...] | None) -> None:
+        """Raise `InputError` unless `raw` is a table whose keys are all in `keys`, if given."""
         self.where = where
         self.raw: Mapping[str, Any] = _mapping(raw, where)
         for key in self.raw:
-            if key not in keys:
+            if keys is not None and key not in keys:
                 raise InputError(
                     f"{where}: unknown key {key}", remedy=suggestion(key, list(keys) or ["none"])
                 )
@@ -89,7 +89,7 @@ class Table:
             raise InputError(f"{self.at(key)} must be a string", remedy=f'write {key} = "..."')
         return value
 
-    def part(self, key: str, keys: tuple[str, ...]) -> Table:
+    def part(self, key: str, keys: tuple[str, ...] | None) -> Table:
         """Return the table at `key`, empty without one."""
         return Table(self.raw.get(key, {}), self.at(key), keys)
 

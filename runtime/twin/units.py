@@ -218,7 +218,3 @@ def balance_unit(
         module = ppc750_sensing() if there else host_sensing()
         senses = EncoderSenses(module, sensing_parameters(scenario))
     return BalanceUnit(model, dict(scenario.base.controller), senses)
-
-
-#: Controllers a scenario can name: (scenario, the model on the host, machine) to unit.
-CONTROLLERS = {"balance": balance_unit}
