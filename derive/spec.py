@@ -76,7 +76,10 @@ class ServoConstraint:
 
 @dataclass(frozen=True)
 class RobustLaw:
-    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat."""
+    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat.
+
+    `limits` bound each torque, `slews`, where there are any, its rate of change: one an actuator.
+    """
 
     kappa: sp.Symbol
     epsilon: sp.Symbol
@@ -86,6 +89,7 @@ class RobustLaw:
     sample_time: sp.Symbol
     limits: tuple[sp.Symbol, ...]
     singular_threshold: sp.Symbol
+    slews: tuple[sp.Symbol, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -157,10 +161,13 @@ def symbols_of(parameters: Iterable[Parameter]) -> SimpleNamespace:
     return SimpleNamespace(**{p.name: symbol_of(p) for p in parameters})
 
 
-def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
+def standard_law(
+    p: SimpleNamespace, *limits: sp.Symbol, slews: tuple[sp.Symbol, ...] = ()
+) -> RobustLaw:
     """Return the law whose gains have the names every model of this package uses.
 
-    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator.
+    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator, and
+    `slews` their largest rates of change, one an actuator or none at all.
     """
     return RobustLaw(
         kappa=p.kappa,
@@ -171,4 +178,5 @@ def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
         sample_time=p.sample_time,
         limits=limits,
         singular_threshold=p.singular_threshold,
+        slews=slews,
     )

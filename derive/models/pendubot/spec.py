@@ -110,6 +110,17 @@ PARAMETERS = (
         latex="\\tau_{\\max}",
     ),
     Parameter(
+        "slew_limit",
+        "N*m/s",
+        "largest rate of change of the torque commanded",
+        "target",
+        0.0,
+        1e9,
+        True,
+        default=1e9,
+        latex="\\dot\\tau_{\\max}",
+    ),
+    Parameter(
         "singular_threshold",
         "1/(kg*m^2)",
         "least |ADB| the law divides by",
@@ -189,7 +200,7 @@ def model() -> ModelSpec:
             errors=Matrix([e1, e2]),
             setpoint=(p.q1d, p.q2d),
         ),
-        law=standard_law(p, p.torque_limit),
+        law=standard_law(p, p.torque_limit, slews=(p.slew_limit,)),
         lumping=(
             (p.theta1, p.m1 * p.lc1**2 + p.m2 * p.l1**2 + p.I1),
             (p.theta2, p.m2 * p.lc2**2 + p.I2),
