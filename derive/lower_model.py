@@ -30,6 +30,7 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
         actuators=tuple(ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators),
         parameters=spec.parameters,
         limits=tuple(limit.name for limit in spec.law.limits),
+        slews=tuple(slew.name for slew in spec.law.slews),
         programs=programs,
         passes=passes,
         documents=(

@@ -46,7 +46,7 @@ class LoweredModel:
     """Programs, declarations and readable documents of one model; `sha256` identifies it.
 
     `passes` says what the optimiser did to the emitted programs. `limits` names the parameter that
-    limits each actuator. `elementary` holds the coefficients of the elementary functions, ready for
+    limits each actuator, `slews` that which limits its rate of change, if any does. `elementary` holds the coefficients of the elementary functions, ready for
     their templates.
     """
 
@@ -57,6 +57,7 @@ class LoweredModel:
     actuators: tuple[ActuatorInterface, ...]
     parameters: tuple[Parameter, ...]
     limits: tuple[str, ...]
+    slews: tuple[str, ...]
     programs: tuple[Program, ...]
     passes: tuple[PassReport, ...]
     documents: tuple[tuple[str, str], ...]
@@ -105,6 +106,7 @@ def lowered_from_json(text: str) -> LoweredModel:
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),
         limits=tuple(d["limits"]),
+        slews=tuple(d["slews"]),
         passes=tuple(PassReport(**p) for p in d["passes"]),
         programs=tuple(program_from_json(p) for p in d["programs"]),
         documents=tuple((k, v) for k, v in d["documents"]),

@@ -76,7 +76,10 @@ class ServoConstraint:
 
 @dataclass(frozen=True)
 class RobustLaw:
-    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat."""
+    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat.
+
+    `limits` bound each torque, `slews`, where there are any, its rate of change: one an actuator.
+    """
 
     kappa: sp.Symbol
     epsilon: sp.Symbol
@@ -86,6 +89,7 @@ class RobustLaw:
     sample_time: sp.Symbol
     limits: tuple[sp.Symbol, ...]
     singular_threshold: sp.Symbol
+    slews: tuple[sp.Symbol, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,10 +182,13 @@ def standard_swing_up(p: SimpleNamespace) -> SwingUp:
     return SwingUp(position=p.kP, rate=p.kD, energy=p.kE, damping=p.kV)
 
 
-def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
+def standard_law(
+    p: SimpleNamespace, *limits: sp.Symbol, slews: tuple[sp.Symbol, ...] = ()
+) -> RobustLaw:
     """Return the law whose gains have the names every model of this package uses.
 
-    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator.
+    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator, and
+    `slews` their largest rates of change, one an actuator or none at all.
     """
     return RobustLaw(
         kappa=p.kappa,
@@ -192,4 +199,5 @@ def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
         sample_time=p.sample_time,
         limits=limits,
         singular_threshold=p.singular_threshold,
+        slews=slews,
     )

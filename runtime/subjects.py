@@ -21,6 +21,29 @@ def _limits(folder: GeneratedFolder) -> list[tuple[str, str]]:
     return list(zip(folder.manifest.actuators, folder.manifest.limits, strict=True))
 
 
+def _saturated(
+    folder: GeneratedFolder,
+    output: Mapping[str, Array] | Records,
+    params: Mapping[str, Array] | Records,
+    code: Array,
+) -> Array:
+    """Return whether a limit binds, bool (N,); the status says it but where NEAR_SINGULAR hides it.
+
+    There the torque at its limit tells, and one that its three parts do not add up to.
+    """
+    manifest = folder.manifest
+    found = np.any([np.abs(output[a]) >= params[p] for a, p in _limits(folder)], axis=0)
+    if f"{manifest.actuators[0]}_previous" not in manifest.structures["state"].names():
+        return np.asarray(found)
+    found |= code == manifest.status.index("SATURATED")
+    for actuator in manifest.actuators:
+        ending = f"_{actuator}" if len(manifest.actuators) > 1 else ""
+        parts = np.array([output[f"p{k}{ending}"] for k in (1, 2, 3)])
+        rounding = 8.0 * np.finfo(parts.dtype).eps * np.abs(parts).sum(axis=0)
+        found |= np.abs(output[actuator] - parts.sum(axis=0)) > rounding
+    return np.asarray(found)
+
+
 class MachineSubject:
     """The C functions on a machine."""
 
@@ -53,9 +76,7 @@ class MachineSubject:
         return {
             **_columns(output),
             **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": np.any(
-                [np.abs(output[a]) >= params[p] for a, p in _limits(self.model.folder)], axis=0
-            ).astype(float),
+            "saturated": _saturated(self.model.folder, output, params, status).astype(float),
             "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
         }
 
@@ -123,13 +144,7 @@ class PythonSubject:
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},
-            "saturated": np.any(
-                [
-                    np.abs(getattr(output, a)) >= getattr(params, p)
-                    for a, p in _limits(self._folder)
-                ],
-                axis=0,
-            ),
+            "saturated": _saturated(self._folder, vars(output), vars(params), status),
             "near_singular": status == self._module.NEAR_SINGULAR,
         }
 

@@ -338,7 +338,7 @@ def test_a_slip_in_single_is_caught(slip, folders, tmp_path):
     model = lowered_model(source)
     sets = [s.as_dict() for s in library_sets(model, source)]
     subject = MachineSubject(host_model(open_generated(str(tmp_path / "pendubot"))), "c-host")
-    found = verify(derivation_of(source), model, sets, [subject], None, 300, 0, unit=SINGLE_UNIT)
+    found = verify(derivation_of(source), model, sets, [subject], None, 600, 0, unit=SINGLE_UNIT)
     assert not found.passed
 
 

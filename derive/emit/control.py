@@ -177,8 +177,7 @@ def _setpoint(body: Body) -> dict[str, object]:
 
 
 def _slews(model: LoweredModel) -> tuple[str, ...]:
-    known = [p.name for p in model.parameters]
-    return ("slew_limit" if "slew_limit" in known else "",) * len(model.actuators)
+    return model.slews or ("",) * len(model.actuators)
 
 
 def _sums(pointer: str, members: Iterable[tuple[Any, ...]]) -> list[str]:

@@ -112,6 +112,17 @@ PARAMETERS = (
         latex="\\tau_{\\max}",
     ),
     Parameter(
+        "slew_limit",
+        "N*m/s",
+        "largest rate of change of the torque commanded",
+        "target",
+        0.0,
+        1e9,
+        True,
+        default=1e9,
+        latex="\\dot\\tau_{\\max}",
+    ),
+    Parameter(
         "singular_threshold",
         "1/(kg*m^2)",
         "least |ADB| the law divides by",
@@ -193,7 +204,7 @@ def model() -> ModelSpec:
             errors=Matrix([e1, e2]),
             setpoint=(p.q1d, p.q2d),
         ),
-        law=standard_law(p, p.torque_limit),
+        law=standard_law(p, p.torque_limit, slews=(p.slew_limit,)),
         swing_up=standard_swing_up(p),
         lumping=(
             (p.theta1, p.m1 * p.lc1**2 + p.m2 * p.l1**2 + p.I1),
