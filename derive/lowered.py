@@ -46,8 +46,8 @@ class LoweredModel:
     """Programs, declarations and readable documents of one model; `sha256` identifies it.
 
     `passes` says what the optimiser did to the emitted programs. `limits` names the parameter that
-    limits each actuator, `slews` that which limits its rate of change, if any does. `elementary` holds the coefficients of the elementary functions, ready for
-    their templates.
+    limits each actuator, `slews` that which limits its rate of change, if any does. `elementary`
+    holds the coefficients of the elementary functions, ready for their templates.
     """
 
     name: str
