@@ -133,11 +133,15 @@ def scenario_of(
         setpoint=_setpoint(folder, controller),
         in_report=document.get("in_report", False) is True,
     )
+    _judge(scenario, path, start)
+    return scenario
+
+
+def _judge(scenario: Scenario, path: Path, start: bool) -> None:
     _check_domain(scenario, path)
     check_plant(scenario, path)
     if start:
         _check_start(scenario, path)
-    return scenario
 
 
 def _check_keys(document: Mapping[str, object], path: Path) -> None:

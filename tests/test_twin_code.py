@@ -11,6 +11,7 @@ import pytest
 from pfaffian.runtime.generated_model import generated_models, open_generated
 from pfaffian.runtime.sensing import sensing_sources
 from pfaffian.runtime.toolchain import COMMON_FLAGS
+from pfaffian.runtime.twin import balance_unit, fly_twin, plant_model, read_twin
 from pfaffian.runtime.twin.rig import Rigs
 from pfaffian.runtime.twin.settings import Disturbance, Drive, Push
 from support_twin import model, twin
@@ -68,3 +69,16 @@ def test_any_command_at_all_leaves_drives_and_rigs_finite():
             assert np.isfinite(rigs.truth).all()
         assert np.isfinite(rigs.applied).all()
     assert (np.abs(rigs.truth) <= 1e6).all()
+
+
+@pytest.mark.skipif(
+    not (shutil.which("gcc") and find_spec("ziglang")), reason="needs gcc and the package ziglang"
+)
+def test_two_compilers_give_a_flight_the_same_bits():
+    scenario = read_twin("rig-pushed-twin")
+    scenario = replace(scenario, rigs=4, base=replace(scenario.base, steps=500))
+    digests = {
+        fly_twin(scenario, balance_unit(scenario, plant), model=plant).sha256()
+        for plant in (plant_model(scenario.base.folder, name) for name in ("gcc", "zig"))
+    }
+    assert len(digests) == 1

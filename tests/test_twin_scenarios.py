@@ -159,7 +159,7 @@ def test_a_jump_blinds_the_balance_unit_which_says_so(written):
 def test_the_packaged_twins_are_found_after_the_plain_scenarios():
     names = list(scenario_paths())
     twins = [n for n, p in scenario_paths().items() if p.parent.name == "twin"]
-    assert twins == names[-len(twins) :] == ["rig-balance-twin"]
+    assert twins == names[-len(twins) :] == ["rig-balance-twin", "rig-pushed-twin"]
 
 
 KEYS = (
@@ -176,6 +176,16 @@ def test_simulate_flies_a_twin_and_prints_the_keys_of_the_contract(run):
     assert 0.0 < document["mae2_q2"] < 0.01
     assert document["limit_violations"] == document["lost_rigs"] == 0
     assert 9950 < document["steps"] < 10_000
+
+
+def test_pushed_rigs_are_all_caught_again(run):
+    document = run("simulate", "rig-pushed-twin", "--json").document()
+    assert document["captured_rigs"] == document["rigs"] == 20
+    assert document["time_to_capture"] > 5.0  # the second push threw one out
+    assert document["lost_rigs"] == document["fault_periods"] == 0
+    alone = read_twin("rig-pushed-twin").alone(3)
+    flight = fly_twin(alone, balance_unit(alone, model()), model=model())
+    assert flight.statistics.mae2.max() <= max(document["mae2_q1"], document["mae2_q2"])
 
 
 @pytest.mark.target

@@ -72,11 +72,7 @@ def twin_of(
     table = Table(document["twin"], f"{path}: twin", _KEYS)
     controller = table.choice("controller", tuple(CONTROLLERS), "balance")
     base = scenario_of(document, path, generated, set_name, start=controller == "balance")
-    if base.sample_time / base.plant_substeps > LONGEST_SUBSTEP * (1.0 + 1e-9):
-        raise InputError(
-            f"{path}: plant_substeps = {base.plant_substeps} are too few for a twin",
-            remedy=f"take {math.ceil(base.sample_time / LONGEST_SUBSTEP - 1e-9)} or more",
-        )
+    _check_substeps(base, path)
     scenario = TwinScenario(
         base=base,
         rigs=table.whole("rigs", 1, 1, _MOST_RIGS),
@@ -97,6 +93,14 @@ def twin_of(
     )
     _check_spread(scenario, path)
     return scenario
+
+
+def _check_substeps(base: Scenario, path: Path) -> None:
+    if base.sample_time / base.plant_substeps > LONGEST_SUBSTEP * (1.0 + 1e-9):
+        raise InputError(
+            f"{path}: plant_substeps = {base.plant_substeps} are too few for a twin",
+            remedy=f"take {math.ceil(base.sample_time / LONGEST_SUBSTEP - 1e-9)} or more",
+        )
 
 
 def _drives(table: Table, base: Scenario) -> dict[str, Drive]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,7 @@ class Observer:
         error = np.abs(wrapped(truth[part, : self._n] - self._goal, self._turn))
         self._take_errors(part, now, error)
         mode = command.mode[part]
-        near = np.asarray((error <= self._tolerance).all(1))
+        near = _every(error <= self._tolerance)
         self._take_modes(part, now, np.asarray(mode == BALANCE), near)
         self._take_torque(part, command.torque[part])
         made, fault = self._made, command.fault[part]
@@ -108,14 +109,19 @@ class Observer:
     def _take_torque(self, part: Any, torque: Array) -> None:
         made, size = self._made, np.abs(torque)
         made["peak_torque"][part] = np.fmax(made["peak_torque"][part], size)
-        made["violations"][part] += ~(size <= self._limit).all(1)
-        made["saturated"][part] += (size >= self._limit).any(1)
+        made["violations"][part] += ~_every(size <= self._limit)
+        made["saturated"][part] += ~_every(~(size >= self._limit))
 
     def statistics(self, lost: Array) -> Statistics:
         """Return the figures of the turns so far."""
         made = dict(self._made)
         made["saturated"] = made["saturated"] / np.maximum(made["periods"], 1)
         return Statistics(lost=lost.copy(), **made)
+
+
+def _every(holds: Array) -> Array:
+    """Return whether each row of `holds` (N, n) is all true: for few columns faster than all(1)."""
+    return np.asarray(reduce(np.logical_and, holds.T))
 
 
 def _empty(count: int, n: int, m: int) -> dict[str, Array]:
