@@ -320,6 +320,8 @@ def everything(model):
         inner[name] = rng.normal(0.0, 1.0, count)
     model.continuous(inner, params[:count], measured[:count].copy(), law)
     model.plant_step(motion, plant, applied, np.full(count, 0.001), 3)
+    for name in motion.dtype.names:  # no NaN's sign is promised: a plant without sense may leave one
+        motion[name][np.isnan(motion[name])] = np.nan
     records = [states, output, fresh, rate, law, motion]
     columns = {f"{k}.{n}": r[n] for k, r in enumerate(records) for n in r.dtype.names}
     columns |= {"status": status, "init": init_status, "energy": energy}
