@@ -41,7 +41,7 @@ HEADERS = sorted(p.name for p in C_FOLDER.glob("*.h"))
 HARNESS = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
 SOURCES = [*sorted(C_FOLDER.glob("*.c")), HARNESS]
 #: What has no unit: a flag, a factor of decay, a weight between like joints.
-DIMENSIONLESS = {"engaged", "leakage_decay", "lam"}
+DIMENSIONLESS = {"engaged", "leakage_decay", "kP", "lam"}
 
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 needs_zig = pytest.mark.skipif(not find_spec("ziglang"), reason="needs the package ziglang")
