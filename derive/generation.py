@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.follow import emit_follow
 from pfaffian.derive.emit.jacobian import emit_jacobian
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
@@ -27,7 +28,11 @@ class Generation:
 def generate(emission: Emission) -> Generation:
     """Emit every file of `emission`: code, readable derivation and manifest."""
     files: dict[str, str] = dict(emission.model.documents)
-    on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
+    on_request = (
+        (emission.jacobians, emit_jacobian),
+        (emission.batch, emit_batch),
+        (emission.plans, emit_follow),
+    )
     for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
     digests = {
@@ -53,7 +58,9 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model, real, emission.step, emission.prepare),
+        structures=structures_of(
+            model, real, emission.step, emission.prepare, follow=bool(emission.plans)
+        ),
         parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
@@ -63,4 +70,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         baked=emission.sets[0].name if emission.bake else "",
         files=digests,
         precision=emission.precision.name,
+        plans=tuple(p.name for p in emission.plans),
     )

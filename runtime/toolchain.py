@@ -152,10 +152,11 @@ def controller_sources(folder: Path, manifest: Manifest) -> list[Path]:
 def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:
     """Return the C files of the model with the generic harness."""
     c, name = folder / "c", manifest.model
+    parts = ("continuous", "plant", "params", *(("follow", "plan") if manifest.plans else ()))
     harness = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
     return [
         *controller_sources(folder, manifest),
-        *(c / f"{name}_{part}.c" for part in ("continuous", "plant", "params")),
+        *(c / f"{name}_{part}.c" for part in parts),
         harness,
     ]
 

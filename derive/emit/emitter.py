@@ -17,6 +17,7 @@ from importlib.resources import files
 from typing import Any, Protocol
 
 import jinja2
+from pfaffian.derive.emit.plan_table import PlanTable
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
@@ -64,6 +65,7 @@ class Emission:
     batch: bool = False
     precision: Precision = DOUBLE
     single: Mapping[str, Any] = field(default_factory=dict)
+    plans: tuple[PlanTable, ...] = ()
 
     @cached_property
     def baked(self) -> Baked | None:

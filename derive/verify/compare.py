@@ -19,6 +19,8 @@ from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 Array = np.ndarray[Any, Any]
 #: Functions of the generated code, by the block each was lowered from.
 FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy")
+#: What is verified besides where the generated code follows a plan.
+FOLLOWING = ("follow",)
 #: What a correct build stays below, in condition-scaled units in the last place.
 LIMIT_ULP = 4.0
 _CHUNK = 5_000
@@ -98,6 +100,7 @@ def verify(
     progress: Callable[[int, int], None] | None = None,
     unit: Unit = DOUBLE_UNIT,
     witness: Subject | None = None,
+    functions: Sequence[str] = FUNCTIONS,
 ) -> Verification:
     """Compare `subjects` with the oracle on `samples` inputs of every function.
 
@@ -111,10 +114,10 @@ def verify(
     everyone = [*subjects, *([target] if target else [])]
     mismatches = undecided = compared = done = beyond = beyond_near = emulated = 0
     branches: dict[str, float] = {}
-    for function in FUNCTIONS:
+    for function in functions:
         block = derivation.block(function)
         judge = _Judge(model, block, unit)
-        rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
+        rng = np.random.default_rng([_SEED, functions.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
             drawn = draw(model, block.inputs, sets, count, rng, unit, judge.holds, block)
@@ -132,10 +135,11 @@ def verify(
                     differs &= ~known
                 mismatches += int(differs.sum())
                 compared += for_target if function == "step" else 0
-            _count_branches(branches, block, judge.last_exact, samples)
+            if function == "step":
+                _count_branches(branches, block, judge.last_exact, samples)
             done += count
             if progress:
-                progress(done, samples * len(FUNCTIONS))
+                progress(done, samples * len(functions))
     results = tuple(
         FunctionResult(
             f,
@@ -147,7 +151,7 @@ def verify(
             t.worst_by_input,
             t.worst_by_input_near,
         )
-        for f in FUNCTIONS
+        for f in functions
         for s in everyone
         if (t := tallies.get((f, s.name))) is not None
     )
