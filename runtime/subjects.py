@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,7 @@ class MachineSubject:
             state[name] = values.get(name, state[name])
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
         read = [self._filled(role, values, count) for role in ("input", *more)]
-        run = self.model.follow if more else self.model.step
+        run: Callable[..., None] = self.model.follow if more else self.model.step
         run(state, params, *read, output, status)
         codes = self.model.folder.manifest.status
         return {
