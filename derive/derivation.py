@@ -16,6 +16,7 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.dimensions import dimension_of, force_unit
+from pfaffian.derive.following_law import following_law
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
@@ -70,6 +71,7 @@ def derive(spec: ModelSpec) -> Derivation:
     check_input_gain(spec, dynamics, constraint)
     zeros = zero_dynamics(spec, dynamics, constraint)
     hurwitz = hurwitz_conditions(spec, zeros)
+    follow = following_law(spec, dynamics)
     return Derivation(
         spec=spec,
         dynamics=dynamics,
@@ -85,6 +87,7 @@ def derive(spec: ModelSpec) -> Derivation:
         blocks=(
             sampled_law(spec, dynamics, constraint),
             prepared_values(spec),
+            *([follow] if follow else []),
             continuous_law(spec, dynamics, constraint),
             _acceleration(spec, dynamics),
             _energy(spec, dynamics),

@@ -9,6 +9,7 @@ from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.control import control_constants, control_structures, emit_control
 from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.follow import emit_follow
 from pfaffian.derive.emit.jacobian import emit_jacobian
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.python import emit_python
@@ -29,7 +30,11 @@ class Generation:
 def generate(emission: Emission) -> Generation:
     """Emit every file of `emission`: code, readable derivation and manifest."""
     files: dict[str, str] = dict(emission.model.documents)
-    on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
+    on_request = (
+        (emission.jacobians, emit_jacobian),
+        (emission.batch, emit_batch),
+        (emission.plans, emit_follow),
+    )
     for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
     digests = {
@@ -56,7 +61,9 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model, real, emission.step, emission.prepare),
+        structures=structures_of(
+            model, real, emission.step, emission.prepare, follow=bool(emission.plans)
+        ),
         parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
@@ -68,4 +75,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         precision=emission.precision.name,
         control_structures=control_structures(model) if controls else {},
         control_sets={c.name: control_constants(emission, c) for c in controls},
+        plans=tuple(p.name for p in emission.plans),
     )

@@ -47,7 +47,8 @@ class LoweredModel:
 
     `passes` says what the optimiser did to the emitted programs. `limits` names the parameter that
     limits each actuator, `slews` that which limits its rate of change, if any does. `elementary`
-    holds the coefficients of the elementary functions, ready for their templates.
+    holds the coefficients of the elementary functions, ready for their templates. `plant_sha256`
+    identifies the equations of motion alone, as plans do.
     """
 
     name: str
@@ -64,6 +65,7 @@ class LoweredModel:
     tools: tuple[tuple[str, str], ...]
     elementary: Mapping[str, Any]
     sha256: str
+    plant_sha256: str
 
     def program(self, name: str) -> Program:
         """Return the program called `name`; raise `KeyError` if the model has none."""
@@ -101,6 +103,7 @@ def lowered_from_json(text: str) -> LoweredModel:
         title=d["title"],
         source=d["source"],
         sha256=d["sha256"],
+        plant_sha256=d["plant_sha256"],
         elementary=d["elementary"],
         coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),

@@ -6,6 +6,7 @@ one never does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -33,7 +34,7 @@ from sympy.codegen.cfunctions import expm1
 _NO_LENGTH = sp.Rational(1, 2**500)
 #: Keeps |e| and |e'| in Pi from 0 by 2^-60: their roots then need no special cases, and Pi a
 #: derivative everywhere. It is less than the rounding of Pi >= 2.
-_LEAST_SQUARE = sp.Rational(1, 2**120)
+LEAST_SQUARE = sp.Rational(1, 2**120)
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,22 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     holds, and beta still contracts, since no eigenvalue of N exceeds the trace. The leakage law is
     solved exactly with x held, so that sampled and continuous law share their equilibria.
     """
-    units, m = LawUnits(spec), len(spec.actuators)
     builder = BlockBuilder("step", f"{spec.title}: sampled control law, one period")
+    return complete_law(
+        builder, spec, lambda: define_shared(builder, spec, dynamics, constraint, LEAST_SQUARE)
+    )
+
+
+def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Shared]) -> Block:
+    """Return one period of the law for what `define` defines of a constraint, in `builder`.
+
+    Measurement, state and parameters are declared before `define` is called.
+    """
+    units, m = LawUnits(spec), len(spec.actuators)
     take_measurement(builder, spec)
     state = _take_state(builder, spec, units)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "target")
-    shared = define_shared(builder, spec, dynamics, constraint, _LEAST_SQUARE)
+    shared = define()
     moved = tuple(
         builder.define(
             name,

@@ -15,13 +15,7 @@ from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
-from pfaffian.runtime.manifest import (
-    MANIFEST_NAME,
-    OPTIONAL_ROLES,
-    ROLES,
-    Manifest,
-    read_manifest,
-)
+from pfaffian.runtime.manifest import MANIFEST_NAME, OPTIONAL_ROLES, ROLES, Manifest, read_manifest
 from pfaffian.runtime.toolchain import (
     compile_image,
     harness_sources,
@@ -180,6 +174,43 @@ class GeneratedModel:
             (measured, "input", False),
             (output, "output", True),
             (status, "i4", True),
+        )
+
+    def follow(
+        self,
+        state: Records,
+        params: Records,
+        measured: Records,
+        reference: Records,
+        output: Records,
+        status: Records,
+    ) -> None:
+        """Advance the sampled law along a reference by one period; the model must have a plan."""
+        self._call(
+            "pf_batch_follow",
+            len(state),
+            (state, "state", True),
+            (params, "params", False),
+            (measured, "input", False),
+            (reference, "reference", False),
+            (output, "output", True),
+            (status, "i4", True),
+        )
+
+    def plan_at(self, name: str, time: Records, reference: Records) -> None:
+        """Write the reference of the plan of set `name` at each of `time` in s, of shape (k,)."""
+        plans = self.folder.manifest.plans
+        if name not in plans:
+            raise InputError(
+                f"{self.folder.path}: has no plan of set {name}",
+                remedy=suggestion(name, sorted(plans)),
+            )
+        self._call(
+            "pf_batch_plan_at",
+            len(time),
+            (time, self.folder.manifest.real, False),
+            (reference, "reference", True),
+            plans.index(name),
         )
 
     def continuous(

@@ -26,8 +26,8 @@ ROLES = (
     "plant_input",
     "plant_rate",
 )
-#: Roles of structures that only some models have, numbered on.
-OPTIONAL_ROLES = ("swing_up_output",)
+#: Roles of structures that only some models have, numbered on from `ROLES`.
+OPTIONAL_ROLES = ("swing_up_output", "reference")
 #: C types of structure members, by the NumPy type of their bytes.
 MEMBER_TYPES = {"double": "f8", "float": "f4", "uint32_t": "u4"}
 #: The NumPy type of a real number by the precision of the C code.
@@ -60,7 +60,8 @@ class Structure:
 class Manifest:
     """What one generation consists of; written by the emitter, read by the runtime.
 
-    `baked` names the parameter set that is folded into the step; it is empty where none is.
+    `baked` names the parameter set that is folded into the step; it is empty where none is. `plans`
+    names the parameter sets whose planned motion is there, in the order of the harness.
     `control_structures` are those of the complete controller, by role, some members structures
     themselves; `control_sets` its constants by parameter set. Both are empty where there is none.
     """
@@ -87,6 +88,7 @@ class Manifest:
     precision: str = "double"
     control_structures: Mapping[str, Structure] = field(default_factory=dict)
     control_sets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    plans: tuple[str, ...] = ()
 
     @property
     def real(self) -> str:
@@ -95,7 +97,10 @@ class Manifest:
 
     def to_json(self) -> str:
         """Return the manifest as JSON; floats are written so that they read back to the bit."""
-        return json.dumps(asdict(self), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+        document = asdict(self)
+        if not self.plans:
+            del document["plans"]
+        return json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -111,6 +116,7 @@ def read_manifest(folder: Path) -> Manifest:
         document["parameters"] = tuple(Field(**f) for f in document["parameters"])
         for key in ("coordinates", "actuators", "limits", "status"):
             document[key] = tuple(document[key])
+        document["plans"] = tuple(document.get("plans", ()))
         manifest = Manifest(structures=structures, **document)
         _check_structures(structures)
         if manifest.precision not in REAL_TYPES:

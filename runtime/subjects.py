@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,12 +66,23 @@ class MachineSubject:
         return records
 
     def _step(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        return self._law(values, count, ())
+
+    def _follow(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        return self._law(values, count, ("reference",))
+
+    def _law(
+        self, values: Mapping[str, Array], count: int, more: tuple[str, ...]
+    ) -> dict[str, Array]:
+        """Run one period of a law; `more` are the roles it reads besides the measurement."""
         state, params = self.model.records("state", count), self._filled("params", values, count)
         self.model.init(state, params, np.zeros(count, np.int32))  # what the step takes prepared
         for name in state.dtype.names or ():
             state[name] = values.get(name, state[name])
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
-        self.model.step(state, params, self._filled("input", values, count), output, status)
+        read = [self._filled(role, values, count) for role in ("input", *more)]
+        run: Callable[..., None] = self.model.follow if more else self.model.step
+        run(state, params, *read, output, status)
         codes = self.model.folder.manifest.status
         return {
             **_columns(output),
@@ -136,11 +147,18 @@ class PythonSubject:
         return kind(**{n: known.get(n, 0.0) for n in structure.names()})
 
     def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        return self._law(values, self._module.step, ())
+
+    def _follow(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        return self._law(values, self._module.follow, ("reference",))
+
+    def _law(self, values: Mapping[str, Array], run: Any, more: tuple[str, ...]) -> dict[str, Any]:
         params = self._filled("params", values)
         prepared, _ = self._module.init(params)
         for name in vars(prepared):
             setattr(prepared, name, values.get(name, getattr(prepared, name)))
-        state, output, status = self._module.step(prepared, params, self._filled("input", values))
+        read = [self._filled(role, values) for role in ("input", *more)]
+        state, output, status = run(prepared, params, *read)
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},

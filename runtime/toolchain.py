@@ -152,11 +152,12 @@ def controller_sources(folder: Path, manifest: Manifest) -> list[Path]:
 def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:
     """Return the C files of the model with the generic harness."""
     c, name = folder / "c", manifest.model
+    parts = ("continuous", "plant", "params", *(("follow", "plan") if manifest.plans else ()))
     harness = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
     optional = ("swing_up",) if "swing_up_output" in manifest.structures else ()
     return [
         *controller_sources(folder, manifest),
-        *(c / f"{name}_{part}.c" for part in ("continuous", "plant", "params", *optional)),
+        *(c / f"{name}_{part}.c" for part in (*parts, *optional)),
         harness,
     ]
 

@@ -168,7 +168,9 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     precision = emission.precision
-    structures = structures_of(model, precision.real, emission.step, emission.prepare)
+    structures = structures_of(
+        model, precision.real, emission.step, emission.prepare, follow=bool(emission.plans)
+    )
     controller = pointers(
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
@@ -204,6 +206,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "actuators": [a.name for a in model.actuators],
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
+        "plans": [f"{model.name}_plan_{snake(p.name)}" for p in emission.plans],
         "step": step,
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],

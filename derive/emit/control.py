@@ -142,7 +142,7 @@ def _context(emission: Emission) -> dict[str, object]:
         "coordinates": [c.name for c in model.coordinates],
         "actuators": [a.name for a in model.actuators],
         "bounds": {n: DOUBLE.literal(b) for n, b in measured_bounds(model)},
-        "plans": [snake(p.name) for p in getattr(emission, "plans", ())],
+        "plans": [snake(p.name) for p in emission.plans],
         "has_swing_up": model.has_program("swing_up"),
         "has_time": TIME_NAME in law["input"].names(),
         "setpoint": _setpoint(setpoint),

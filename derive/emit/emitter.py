@@ -18,6 +18,7 @@ from typing import Any, Protocol
 
 import jinja2
 from pfaffian.derive.control_set import ControlSet
+from pfaffian.derive.emit.plan_table import PlanTable
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
@@ -66,6 +67,7 @@ class Emission:
     precision: Precision = DOUBLE
     single: Mapping[str, Any] = field(default_factory=dict)
     controls: tuple[ControlSet, ...] = ()
+    plans: tuple[PlanTable, ...] = ()
 
     @cached_property
     def baked(self) -> Baked | None:

@@ -70,7 +70,9 @@ def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
-    structures = structures_of(model, step=emission.step, prepare=emission.prepare)
+    structures = structures_of(
+        model, step=emission.step, prepare=emission.prepare, follow=bool(emission.plans)
+    )
     controller = {
         "input": "measured",
         "state": "state",
@@ -130,6 +132,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
         "step": python_body(checked, controller),
+        **_following(emission, controller),
         "unbounded": unbounded(emission.prepare, input_bounds(model)),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
@@ -149,6 +152,15 @@ def emit_python(emission: Emission) -> dict[str, str]:
         f"{model.name}.py": fill("python/model.py.j2", context),
         "__init__.py": fill("python/package.py.j2", context),
     }
+
+
+def _following(emission: Emission, sources: dict[str, str]) -> dict[str, object]:
+    """Return the law along a reference, where there is a plan to follow."""
+    if not emission.plans:
+        return {"follow": None, "follow_checked": ()}
+    program, checks = with_checks(emission.model.program("follow"))
+    body = python_body(program, {**sources, "reference": "reference"})
+    return {"follow": body, "follow_checked": checks}
 
 
 def _constants(emission: Emission) -> tuple[tuple[str, float], ...]:

@@ -34,10 +34,13 @@ def structures_of(
     real: str = "double",
     step: Program | None = None,
     prepare: Program | None = None,
+    *,
+    follow: bool = False,
 ) -> dict[str, Structure]:
     """Return the structures of `model` by role, members of type `real` in order of declaration.
 
-    `step` and `prepare` replace the model's own where a parameter set is folded into them.
+    With `follow` there is the reference of the following law as well. `step` and `prepare` replace
+    the model's own where a parameter set is folded into them.
     """
     whole = (model.program("step"), model.program("prepare"))
     step, prepare = step or whole[0], prepare or whole[1]
@@ -74,4 +77,6 @@ def structures_of(
     for program in swing_up:
         leaving = [s for s in program.outputs if s.group == "output"]
         roles["swing_up_output"] = _fields(leaving, real)
+    if follow:  # the row's entries too that the law does not read
+        roles["reference"] = _fields(_group(model.program("follow"), "reference"), real)
     return {role: Structure(f"{model.name}_{role}_t", fields) for role, fields in roles.items()}

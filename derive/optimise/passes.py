@@ -19,7 +19,7 @@ from pfaffian.derive.program import Program
 #: Programs that are emitted and run again and again; `step` may prepare what does not change.
 EMITTED = ("step", "continuous", "acceleration", "energy")
 #: Emitted too, where a model has them.
-OPTIONAL = ("swing_up",)
+OPTIONAL = ("swing_up", "follow")
 
 
 def merge_equal_values(program: Program) -> Program:

@@ -19,6 +19,8 @@ from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 Array = np.ndarray[Any, Any]
 #: Functions of the generated code, by the block each was lowered from; a model may lack the last.
 FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy", "swing_up")
+#: What is verified besides where the generated code follows a plan.
+FOLLOWING = ("follow",)
 #: What a correct build stays below, in condition-scaled units in the last place.
 LIMIT_ULP = 4.0
 _CHUNK = 5_000
@@ -98,6 +100,7 @@ def verify(
     progress: Callable[[int, int], None] | None = None,
     unit: Unit = DOUBLE_UNIT,
     witness: Subject | None = None,
+    functions: Sequence[str] = FUNCTIONS,
 ) -> Verification:
     """Compare `subjects` with the oracle on `samples` inputs of every function.
 
@@ -111,11 +114,11 @@ def verify(
     everyone = [*subjects, *([target] if target else [])]
     mismatches = undecided = compared = done = beyond = beyond_near = emulated = 0
     branches: dict[str, float] = {}
-    functions = [f for f in FUNCTIONS if model.has_program(f)]
+    functions = [f for f in functions if model.has_program(f)]
     for function in functions:
         block = derivation.block(function)
         judge = _Judge(model, block, unit)
-        rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
+        rng = np.random.default_rng([_SEED, functions.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
             drawn = draw(model, block.inputs, sets, count, rng, unit, judge.holds, block)
@@ -133,7 +136,8 @@ def verify(
                     differs &= ~known
                 mismatches += int(differs.sum())
                 compared += for_target if function == "step" else 0
-            _count_branches(branches, block, judge.last_exact, samples)
+            if function == "step":
+                _count_branches(branches, block, judge.last_exact, samples)
             done += count
             if progress:
                 progress(done, samples * len(functions))
