@@ -51,6 +51,8 @@ _SUPERVISOR = {
 _TOP = ("title", "source", "swing_up", "balance", "encoder", "capture", "release", "form")
 _TABLES = (*_TOP, "feedback", "rest", "plan", "supervisor")
 Values = Mapping[str, Any]
+#: A limit that nothing reaches.
+_NONE = 1e300
 
 
 @dataclass(frozen=True)
@@ -171,13 +173,30 @@ def _supervisor(
 ) -> dict[str, Any]:
     schema = {c.name: (c.unit, math.inf) for c in model.coordinates}
     schema |= {name: (unit, math.inf) for name, unit in SCALARS.items()}
-    limits = {}
-    for kind in ("capture", "release"):
-        found = _values(_table(document, kind, path), schema, f"{path}: {kind}")
-        rows = [min(v, 1e300) for v in found.values()]
-        limits[f"{kind}_limit"] = [*rows, *([1e300] * (MEASURES - len(rows)))]
+    release = _limits(document, "release", schema, path)
+    capture = _limits(document, "capture", schema, path)
+    for name, limit in release.items():
+        given = name in _table(document, "capture", path)
+        if given and capture[name] > limit:
+            raise InputError(
+                f"{path}: capture.{name} = {capture[name]:g} is above release.{name} = {limit:g}",
+                remedy="release later than you capture, or the controller goes to and fro",
+            )
+        capture[name] = capture[name] if given else limit
+    spare = [_NONE] * (MEASURES - len(schema))
+    limits = {
+        "capture_limit": [*capture.values(), *spare],
+        "release_limit": [*release.values(), *spare],
+    }
     values = _values(_table(document, "supervisor", path), _SUPERVISOR, f"{path}: supervisor")
     return {**limits, **values, "sample_time": time}
+
+
+def _limits(
+    document: Mapping[str, object], kind: str, schema: Mapping[str, tuple[str, float]], path: Path
+) -> dict[str, float]:
+    found = _values(_table(document, kind, path), schema, f"{path}: {kind}")
+    return {name: min(value, _NONE) for name, value in found.items()}
 
 
 def _values(
