@@ -281,6 +281,22 @@ def run(
     run_main_job(model, folder, samples, json)
 
 
+@app.command()
+def campaign(
+    spec: Annotated[str, typer.Argument(help="A campaign of this package, or a TOML file.")],
+    generated: Generated = None,
+    jobs: Annotated[int, typer.Option(help="Processes that share the cases.")] = 1,
+    written: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the rows as CSV.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Fly many rigs of many variants of a scenario on the twin; a row of figures a case."""
+    from pfaffian.cli.campaign import fly
+
+    fly(spec, generated, jobs, written, json)
+
+
 @bench_app.command("regenerate")
 def bench_regenerate(
     model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
