@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
 from importlib.resources import files
 
@@ -59,10 +59,9 @@ def fly_all(
         workers = min(_MOST_WORKERS, os.cpu_count() or 1, len(missing))
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            futures = {n: pool.submit(compute, tasks[n]) for n in missing}
-            for k, (name, future) in enumerate(futures.items()):
-                body = future.result()
-                known[name] = cached("reproduce", keys[name], lambda body=body: body)  # type: ignore[misc]
-                update(len(tasks) - len(missing) + k + 1, len(tasks))
+            waiting = {pool.submit(compute, tasks[n]): n for n in missing}
+            for future in as_completed(waiting):
+                name = waiting[future]
+                known[name] = cached("reproduce", keys[name], future.result)
+                update(len(known), len(tasks))
     return {name: read_run(task, known[name]) for name, task in tasks.items()}
-

@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -96,21 +97,22 @@ def _panel(axes: Axes, row: Row, lines: Sequence[Line], *, first: bool, last: bo
     end = max((float(line.time[-1]) for line in lines), default=1.0)
     scale, unit = (1e3, "ms") if end < _SHORT else (1.0, "s")
     for line in lines:
-        look = {"color": _COLOURS[line.style], "linestyle": _LINES[line.style]}
+        look: dict[str, Any] = {"color": _COLOURS[line.style], "linestyle": _LINES[line.style]}
         values = np.maximum(np.abs(line.values), row.floor) if row.log else line.values
         x, y = thinned(line.time * scale, values)
-        axes.plot(x, y, **look, zorder=3 + line.style)
+        axes.plot(x, y, **look, zorder=6 - line.style)
         if line.ended:
-            axes.plot(x[-1:], y[-1:], "x", color=_COLOURS[line.style], markersize=5, clip_on=False)
+            axes.plot(x[-1:], y[-1:], "x", color=_COLOURS[line.style], markersize=5)
     if row.log:
         axes.set_yscale("log")
     _limit(axes, row, lines)
     if row.level:
         axes.axhline(row.level[0], color=_MUTED, linewidth=0.8, linestyle=(0, (2, 2)), zorder=2)
-    axes.set_xlim(0.0, end * scale)
+    room = 0.02 if any(line.ended and line.time[-1] == end for line in lines) else 0.0
+    axes.set_xlim(0.0, end * scale * (1.0 + room))
     axes.ticklabel_format(axis="x", useOffset=False)
     if not row.log:
-        axes.ticklabel_format(axis="y", useMathText=True, scilimits=(-3, 4))
+        axes.ticklabel_format(axis="y", useMathText=True, scilimits=(-3, 5))
     if last:
         axes.set_xlabel(f"time [{unit}]")
     if first:
@@ -130,7 +132,7 @@ def _limit(axes: Axes, row: Row, lines: Sequence[Line]) -> None:
     if row.level:
         values = np.append(values, row.level[0])
     low, high = float(values.min()), float(values.max())
-    margin = 0.08 * (high - low) or 0.1
+    margin = (0.08 if len(whole) == len(lines) else 0.35) * (high - low) or 0.1
     axes.set_ylim(low - margin, high + margin)
 
 
@@ -141,7 +143,7 @@ def thinned(time: Array, values: Array) -> tuple[Array, Array]:
         return time, values
     edges = np.linspace(0, count, _MOST_POINTS // 2 + 1).astype(int)
     kept = {0, count - 1}
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         kept |= {a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b]))}
     index = np.array(sorted(kept))
     return time[index], values[index]
@@ -215,6 +217,7 @@ def _bars(axes: Axes, panel: Bars) -> None:
                 color=_INK,
             )
     axes.set_xticks(range(len(panel.groups)), panel.groups)
+    axes.set_xlim(-0.5, len(panel.groups) - 0.5)
     axes.grid(visible=False, axis="x")
     axes.set_ylabel(panel.label)
     if panel.title:

@@ -21,6 +21,7 @@ from pfaffian.runtime.reproduce.drawing import (
 )
 from pfaffian.runtime.reproduce.fly import Run
 from pfaffian.runtime.reproduce.measures import accumulated, measures
+from pfaffian.runtime.reproduce.result import Drawn
 
 Array = np.ndarray[Any, Any]
 Runs = Mapping[str, Run]
@@ -38,23 +39,6 @@ _TERMS = {"5.1": TERMS[1], "5.2": TERMS[2], "5.3": TERMS[2]}
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A figure of the paper as measured here: `number` is the paper's, `name` that of its files."""
-
-    number: int
-    section: str
-    title: str
-    caption: str
-    image: Image
-    csv: bytes
-
-    @property
-    def name(self) -> str:
-        """Return the stem of the figure's files."""
-        return f"figure-{self.number:02d}"
-
-
-@dataclass(frozen=True)
 class FigureSpec:
     """A figure that can be drawn: `draw` takes the runs of its section by name."""
 
@@ -67,7 +51,8 @@ class FigureSpec:
     def drawn(self, runs: Runs) -> Drawn:
         """Draw it."""
         image, csv = self.draw(runs)
-        return Drawn(self.number, self.section, self.title, self.caption, image, csv)
+        name = f"figure-{self.number:02d}"
+        return Drawn(name, self.number, self.section, self.title, self.caption, image, csv)
 
 
 def proposed(runs: Runs, section: str, column: str, terms: str = "") -> Run:
@@ -80,12 +65,17 @@ def duration_text(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms" if seconds < 0.1 else f"{seconds:.3g} s"
 
 
-def _titles(runs: Runs, section: str) -> list[str]:
-    ends = {c: proposed(runs, section, c) for c in COLUMNS}
-    return [
-        f"{NAMES[c]}\nends at {duration_text(r.end)}" if r.ended else f"{NAMES[c]}\n"
-        for c, r in ends.items()
-    ]
+def _titles(runs: Runs, section: str, beside: str = "") -> list[str]:
+    """Return the columns' titles, with when the runs end that do not reach the end."""
+    titles = []
+    for column in COLUMNS:
+        shown = {"": proposed(runs, section, column)}
+        if beside:
+            shown = {"p₁ + p₂ ": shown[""], "p₁ ": proposed(runs, section, column, beside)}
+        word = "to" if beside else "ends at"
+        ends = [f"{n}{word} {duration_text(r.end)}" for n, r in shown.items() if r.ended]
+        titles.append(f"{NAMES[column]}\n{', '.join(ends)}")
+    return titles
 
 
 def _line(run: Run, label: str, style: int, values: Array) -> Line:
@@ -114,14 +104,8 @@ def _compared(
         )
         for label, _, signal, options in rows
     ]
-    return _history(runs, section, made, [name for _, name, _, _ in rows])
-
-
-def _history(
-    runs: Runs, section: str, rows: list[Row], names: Sequence[str]
-) -> tuple[Image, bytes]:
-    columns = [*COLUMNS]
-    return histories(_titles(runs, section), rows), histories_csv(columns, rows, names)
+    names = [name for _, name, _, _ in rows]
+    return histories(_titles(runs, section), made), histories_csv(COLUMNS, made, names)
 
 
 def _angle(k: int) -> Callable[[Run], Array]:
@@ -130,7 +114,7 @@ def _angle(k: int) -> Callable[[Run], Array]:
 
 def _outputs(section: str, runs: Runs, baseline: bool = True) -> tuple[Image, bytes]:
     levels = ({"level": (np.pi / 2, "setpoint")}, {"level": (0.0, "setpoint")})
-    rows = [(_ANGLES[k], f"q{k + 1}_rad", _angle(k), levels[k]) for k in range(2)]
+    rows: list[Any] = [(_ANGLES[k], f"q{k + 1}_rad", _angle(k), levels[k]) for k in range(2)]
     return _compared(runs, section, rows, baseline)
 
 
@@ -150,7 +134,8 @@ def _parts(runs: Runs) -> tuple[Image, bytes]:
             for column in COLUMNS
         )
         rows.append(Row(_ANGLES[k], panels, level=levels[k]))
-    return _history(runs, "5.1", rows, ("q1_rad", "q2_rad"))
+    image = histories(_titles(runs, "5.1", TERMS[0]), rows)
+    return image, histories_csv(COLUMNS, rows, ("q1_rad", "q2_rad"))
 
 
 def _measured(key: str, label: str, section: str, log: bool, runs: Runs) -> tuple[Image, bytes]:
@@ -199,7 +184,7 @@ def _torque(runs: Runs) -> tuple[Image, bytes]:
     def effort(run: Run) -> Array:
         return accumulated(run.time, run.signals["tau"] ** 2)
 
-    rows = [
+    rows: list[Any] = [
         ("τ [N m]", "tau_Nm", _signal("tau"), {}),
         ("∫ τ² dt [N² m² s]", "effort", effort, {}),
     ]
@@ -207,7 +192,7 @@ def _torque(runs: Runs) -> tuple[Image, bytes]:
 
 
 def _controls(runs: Runs) -> tuple[Image, bytes]:
-    rows = [
+    rows: list[Any] = [
         (f"{p[0]}{'₁₂₃'[int(p[1]) - 1]} [N m]", f"{p}_Nm", _signal(p), {})
         for p in ("p1", "p2", "p3")
     ]

@@ -41,7 +41,8 @@ class Loop:
         structures = host.folder.manifest.structures
 
         def made(role: str) -> Any:
-            kind: Any = np.ctypeslib.as_ctypes_type(layout_of(structures[role]))
+            layout: Any = layout_of(structures[role])
+            kind: Any = np.ctypeslib.as_ctypes_type(layout)
             return kind()
 
         self._params, self._plant = made("params"), made("plant_params")
@@ -62,6 +63,7 @@ class Loop:
         self._plant_call = _bound(
             entry(f"{model}_acceleration"), self._plant, self._motion, self._force, self._rate
         )
+        self._law: Callable[..., tuple[float, ...]]
         self._law = {PRINTED: self._printed, LQR: self._regulated}.get(case.column, self._derived)
         self.start = np.array([*case.start, 0.0, case.controller["bound_initial"]])
         self._observe(*map(float, self.start))
@@ -81,7 +83,7 @@ class Loop:
         return [v1, v2, rate.ddq1, rate.ddq2, self._out.drift_integral_rate, bound_rate]
 
     def gain(self, _time: float, y: Array) -> float:
-        """Return ADB, which a solver watches for its zero."""
+        """Return ADB in the state `y`; a run may not pass its zero."""
         self._observe(*y.tolist())
         return float(self._out.adb)
 
