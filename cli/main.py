@@ -278,6 +278,22 @@ def run(
     run_main_job(model, folder, samples, json)
 
 
+@app.command()
+def reproduce(
+    what: Annotated[
+        str, typer.Argument(help="all, a section (section-5.3) or a figure (figure-7).")
+    ] = "all",
+    folder: Annotated[
+        Path, typer.Option("-o", "--output", help="Where page, figures and data go.")
+    ] = Path("report/reproduction"),
+    json: Json = False,
+) -> None:
+    """Make the paper's figures and tables as measured here, and judge its claims."""
+    from pfaffian.cli.reproduce import reproduce as run_reproduction
+
+    run_reproduction(what, folder, json)
+
+
 @bench_app.command("regenerate")
 def bench_regenerate(
     model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",

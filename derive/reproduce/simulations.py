@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
-from pfaffian.derive.reproduce import claims, tables, theorem
+from pfaffian.derive.reproduce import tables, theorem
+from pfaffian.derive.reproduce.claims import CLAIMS, Evidence
 from pfaffian.derive.reproduce.work import MODEL, fly_all
 from pfaffian.runtime.errors import CheckError, MissingToolError
 from pfaffian.runtime.generated_model import GeneratedFolder, host_model, open_generated
@@ -58,16 +59,14 @@ def _studied(
     judged, refused = _judged(section, runs)
     request.update(f"section {section}: Theorem 1", 1, 1)
     flights, skipped = _in_engine(section, folder, request)
-    seen = claims.Evidence(
-        section, runs, {n: flown[n] for n in variants}, compared, judged, flights
-    )
+    seen = Evidence(section, runs, {n: flown[n] for n in variants}, compared, judged, flights)
     figures = [FIGURES[n].drawn(runs) for n in request.figures]
     if judged:
         figures.append(theorem.figure(section, judged))
     return SectionResult(
         tuple(figures),
         _tables(section, seen),
-        claims.CLAIMS[section](seen),
+        CLAIMS[section](seen),
         (*tables.unsettled(compared), *refused, *_broken(judged)),
         skipped,
     )
@@ -108,7 +107,7 @@ def _in_engine(
     return flights, ()
 
 
-def _tables(section: str, seen: claims.Evidence) -> tuple[Table, ...]:
+def _tables(section: str, seen: Evidence) -> tuple[Table, ...]:
     made = [
         tables.measure_table(section, seen.runs, f"measures-{section}", "The runs in numbers"),
         tables.convergence_table(section, seen.compared),

@@ -92,7 +92,7 @@ def _settling(case: Case) -> list[Case]:
     return [
         scaled_friction(case, "without-joint-2", 0.0),
         damped,
-        damping(case),
+        replace(damping(case), name=f"{case.name}-damping-both"),
         scaled_friction(damped, "thousandth", 1e-3),
         scaled_friction(damped, "ten-thousandth", 1e-4),
         changed(case, "kappa-5", kappa=5.0),
