@@ -37,11 +37,6 @@ class Comparison:
     deviation: float
     largest: float
 
-    @property
-    def coarse(self) -> bool:
-        """Return whether it shows what a coarse solver does, and is not to decide anything."""
-        return self.check.task.relative > 1e-7
-
 
 def compare(check: Check, run: Run, reference: Run) -> Comparison:
     """Compare `run`, flown as `check` says, with the run of the figures."""
@@ -164,7 +159,7 @@ def unsettled(comparisons: Sequence[Comparison]) -> list[str]:
     """Return the runs whose figures still change by more than 2 % under a fine solver."""
     found = []
     for c in comparisons:
-        if c.coarse or c.deviation <= CONVERGED:
+        if not c.check.decides or c.deviation <= CONVERGED:
             continue
         found.append(
             f"{c.reference.case.name}: {c.run.task.solver} at {c.run.task.relative:g} changes it "
