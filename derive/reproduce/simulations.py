@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
 from pfaffian.derive.reproduce import tables, theorem
-from pfaffian.derive.reproduce.claims import CLAIMS, Evidence
+from pfaffian.derive.reproduce.claims import CLAIMS
+from pfaffian.derive.reproduce.evidence import Evidence
 from pfaffian.derive.reproduce.work import MODEL, fly_all
 from pfaffian.runtime.errors import CheckError, MissingToolError
 from pfaffian.runtime.generated_model import GeneratedFolder, host_model, open_generated

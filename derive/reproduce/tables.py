@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pfaffian.derive.reproduce.theorem import Judged
-from pfaffian.runtime.reproduce.cases import LQR, PRINTED
+from pfaffian.runtime.reproduce.cases import LQR, PRINTED, Case
 from pfaffian.runtime.reproduce.engine import Agreement
 from pfaffian.runtime.reproduce.figures import duration_text
 from pfaffian.runtime.reproduce.fly import CVODES, STALLED, Run
@@ -23,6 +23,21 @@ _ENDS = {
     "angle": "a link is half a turn from its setpoint",
     "singular": "ADB changes its sign",
     STALLED: "no step is small enough",
+}
+_SUBSCRIPTS = str.maketrans("123", "₁₂₃")
+#: What the end of a variant's name stands for.
+_CHANGES = {
+    "at-rest": "from rest",
+    "48": "(48) for (15)",
+    "without-joint-2": "no friction on joint 2",
+    "damping": "damping on joint 2",
+    "damping-both": "damping on both joints",
+    "damping-thousandth": "a thousandth of it",
+    "damping-ten-thousandth": "a ten-thousandth",
+    "kappa-5": "κ = 5",
+    "kappa-10": "κ = 10",
+    "kappa-20": "κ = 20",
+    "epsilon-1": "ε = 1",
 }
 
 
@@ -94,14 +109,19 @@ def measure_table(section: str, runs: Mapping[str, Run], name: str, title: str) 
     return Table(name, section, title, columns, tuple(rows), note)
 
 
+def terms_text(case: Case) -> str:
+    """Return the parts of the law that act, as they are printed: p₁ + p₂."""
+    return case.terms.replace("+", " + ").translate(_SUBSCRIPTS)
+
+
 def label(run: Run) -> str:
     """Return what a run is called in a table."""
     case = run.case
     if case.column == LQR:
         return "LQR"
     rest = case.name.removeprefix(f"{case.section}-{case.column}-{case.terms}").strip("-")
-    words = f", {rest.replace('-', ' ')}" if rest else ""
-    return f"as {case.column}, {case.terms.replace('+', ' + ')}{words}"
+    words = f", {_CHANGES[rest]}" if rest else ""
+    return f"as {case.column}, {terms_text(case)}{words}"
 
 
 def convergence_table(section: str, comparisons: Sequence[Comparison]) -> Table:
@@ -135,8 +155,8 @@ def convergence_table(section: str, comparisons: Sequence[Comparison]) -> Table:
     )
     note = (
         "CVODES solves a second formulation, typed in from the paper's (1) to (23). RK45 at 1e-3 "
-        "stands for ode45 with its default tolerances, which the paper's text implies. The largest "
-        "change is relative, of IAE and MAE2 (of the time of the end where a run ends early); "
+        "stands for ode45 with its default tolerances: the paper names ode45 and no tolerances. The "
+        "largest change is relative, of IAE and MAE2 (of the time of the end where a run ends early); "
         "below 1e-6 rad MAE2 is compared with 1e-6 rad."
     )
     return Table(f"convergence-{section}", section, "Convergence", columns, tuple(rows), note)
@@ -237,7 +257,10 @@ def engine_table(section: str, flights: Sequence[Agreement]) -> Table:
         "largest |Δq| [rad]",
         "largest |Δτ| [N m]",
     )
-    note = "Both under the generated C controller at 1 kHz, the sampled law; Runge-Kutta, .1 ms."
+    note = (
+        "Both under the generated C controller at 1 kHz, the sampled law. Both take the classical "
+        "Runge-Kutta step of 0.1 ms, so what differs is the dynamics alone."
+    )
     return Table("mujoco", section, "The same in MuJoCo", columns, tuple(rows), note)
 
 

@@ -11,6 +11,7 @@ from pfaffian.derive.derivation import Derivation
 from pfaffian.runtime.continuous import ContinuousFlight, ContinuousLoop, record
 from pfaffian.runtime.generated_model import GeneratedModel
 from pfaffian.runtime.reproduce.drawing import Line, Row, histories, histories_csv
+from pfaffian.runtime.reproduce.figures import NAMES
 from pfaffian.runtime.reproduce.fly import Run
 from pfaffian.runtime.reproduce.result import Drawn
 from pfaffian.runtime.scenario import read_scenario
@@ -61,7 +62,7 @@ def flight_of(run: Run, host: GeneratedModel) -> ContinuousFlight:
 
 def figure(section: str, judged: list[Judged]) -> Drawn:
     """Draw |beta| of the runs of one section below its bounds."""
-    titles = [f"{j.run.case.column}, {j.run.case.terms.replace('+', ' + ')}" for j in judged]
+    titles = [NAMES[j.run.case.column] for j in judged]
     panels = []
     for j in judged:
         time, beta = j.run.time, np.abs(j.run.signals["beta"])
@@ -77,7 +78,7 @@ def figure(section: str, judged: list[Judged]) -> Drawn:
         0,
         section,
         "|β| and what bounds it",
-        "Both bounds hold for all time while the state stays in the region of the run.",
+        " The bounds hold for all time while the state stays in the region of the run.",
         image,
         csv,
     )

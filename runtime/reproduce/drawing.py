@@ -18,6 +18,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import NullFormatter
 
 Array = np.ndarray[Any, Any]
 
@@ -105,6 +106,7 @@ def _panel(axes: Axes, row: Row, lines: Sequence[Line], *, first: bool, last: bo
             axes.plot(x[-1:], y[-1:], "x", color=_COLOURS[line.style], markersize=5)
     if row.log:
         axes.set_yscale("log")
+        axes.yaxis.set_minor_formatter(NullFormatter())
     _limit(axes, row, lines)
     if row.level:
         axes.axhline(row.level[0], color=_MUTED, linewidth=0.8, linestyle=(0, (2, 2)), zorder=2)

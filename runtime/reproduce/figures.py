@@ -206,8 +206,8 @@ def _spec(
 
 
 _FAST = (
-    " The band in the middle column is an oscillation of 380 to 650 Hz, drawn through its least and"
-    " greatest values."
+    " The band in the middle column is a fast oscillation, drawn through its least and greatest "
+    "values."
 )
 #: Figures 2-16 by their number in the paper.
 FIGURES: dict[int, FigureSpec] = {

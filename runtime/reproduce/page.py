@@ -10,7 +10,7 @@ import jinja2
 from markupsafe import Markup
 from pfaffian.runtime.manifest import Manifest
 from pfaffian.runtime.reproduce.registry import SECTIONS
-from pfaffian.runtime.reproduce.result import ADDED, FAILS, HOLDS, PARTLY, SectionResult
+from pfaffian.runtime.reproduce.result import ADDED, FAILS, HOLDS, PARTLY, Claim, SectionResult
 
 _MARKS = {HOLDS: "holds", FAILS: "fails", PARTLY: "", ADDED: ""}
 
@@ -34,7 +34,7 @@ def render_page(
         {
             "number": name.removeprefix("section-"),
             "title": SECTIONS[name].title,
-            "claims": result.claims,
+            "claims": [(c, _evidence(c, result)) for c in result.claims],
             "tables": result.tables,
             "figures": [
                 {
@@ -58,6 +58,13 @@ def render_page(
         skipped=[*skipped, *(text for r in results.values() for text in r.skipped)],
         provenance=f"Model {manifest.model}, SHA-256 {manifest.model_sha256}.",
     )
+
+
+def _evidence(claim: Claim, result: SectionResult) -> list[tuple[str, str]]:
+    """Return what a claim rests on, each with the place on the page where it stands, if there."""
+    titles = {t.name: t.title for t in result.tables}
+    parts = claim.evidence.split("; ")
+    return [(titles[p].lower(), f"#{p}") if p in titles else (p, "") for p in parts]
 
 
 _SOURCE = (
