@@ -344,8 +344,8 @@ def _signs(seen: Evidence) -> Claim:
         "",
         "The uncertainty is the friction of both joints, and the law tackles it.",
         f"The printed force drives slow motion instead of damping it (slope "
-        f"{number(friction_slope(seen.run(DERIVED)))} N m s/rad at rest), and that the law survives. "
-        f"{'; '.join(parts)}.",
+        f"{number(friction_slope(seen.run(DERIVED)))} N m s/rad at rest), and that the law "
+        f"survives. {'; '.join(parts)}.",
         FAILS if damped.ended else HOLDS,
         f"variants-{seen.section}; docs/audit.md, friction-slope; {TESTS}",
     )

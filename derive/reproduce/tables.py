@@ -155,8 +155,8 @@ def convergence_table(section: str, comparisons: Sequence[Comparison]) -> Table:
     )
     note = (
         "CVODES solves a second formulation, typed in from the paper's (1) to (23). RK45 at 1e-3 "
-        "stands for ode45 with its default tolerances: the paper names ode45 and no tolerances. The "
-        "largest change is relative, of IAE and MAE2 (of the time of the end where a run ends early); "
+        "stands for ode45 with its defaults: the paper names ode45 and no tolerances. The largest "
+        "change is relative, of IAE and MAE2 (of the time of the end where a run ends early); "
         "below 1e-6 rad MAE2 is compared with 1e-6 rad."
     )
     return Table(f"convergence-{section}", section, "Convergence", columns, tuple(rows), note)
