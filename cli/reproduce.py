@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _ROOMS = ("runtime", "derive", "generated/pendubot", "templates/reproduction", "templates/report")
 _TOOLS = ("numpy", "scipy", "casadi", "matplotlib", "mujoco", "jinja2")
-PAGE, DOCUMENT = "reproduction.html", "reproduction.json"
+PAGE, DOCUMENT, CLAIMS = "reproduction.html", "reproduction.json", "claims.md"
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _key(reference: str) -> str:
 
 def _make(reference: str, chosen: list[Choice]) -> Made:
     from pfaffian.runtime.generated_model import open_generated
-    from pfaffian.runtime.reproduce.page import render_page
+    from pfaffian.runtime.reproduce.page import claims_markdown, render_page
     from pfaffian.runtime.reproduce.registry import ALL, left_out
     from pfaffian.runtime.reproduce.result import Request
 
@@ -106,7 +106,10 @@ def _make(reference: str, chosen: list[Choice]) -> Made:
             ("csv", figure.csv),
         )
     }
-    return Made({**content, PAGE: page.encode(), DOCUMENT: _text(document)}, document)
+    content |= {PAGE: page.encode(), DOCUMENT: _text(document)}
+    if document["claims"]:
+        content[CLAIMS] = claims_markdown(results).encode()
+    return Made(content, document)
 
 
 def _text(document: dict[str, Any]) -> bytes:

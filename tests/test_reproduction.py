@@ -32,6 +32,7 @@ from pfaffian.runtime.reproduce.loop import SIGNALS, Loop
 from pfaffian.runtime.reproduce.measures import measures
 from pfaffian.runtime.reproduce.plan import REST, USED, main_task
 from pfaffian.runtime.reproduce.printed import adaptation_gain, printed_gain
+from scipy.optimize import fsolve
 
 FOLDER = open_generated("pendubot")
 #: Section 4 of the theory, a prototype with another solver: IAE q1, q2, MAE2 q1, q2.
@@ -148,6 +149,10 @@ def test_lqr_rests_where_it_has_lost_its_stability(host, gain):
         return np.linalg.eigvals(np.array(columns).T).real.max()
 
     assert fastest(2.0) < 0.0 < 5.0 < fastest(4.5)
+    loaded = fsolve(lambda q: loop(0, np.array([*q, 0, 0, 0, 0.0]))[2:4], run.state[-1, :2])
+    assert loaded[0] - np.pi / 2 == pytest.approx(1.317, abs=1e-3)
+    run.state[0] = [*loaded, 0, 0, 0, 0]
+    assert fastest(0.0) == pytest.approx(19.3, abs=0.1)
     coarse = flight(host, "5.1", LQR, gain=gain, solver="LSODA", relative=1e-6, absolute=1e-8)
     assert coarse.ended == "speed"
 

@@ -113,8 +113,8 @@ def _section_51(seen: Evidence) -> tuple[Claim, ...]:
         seen.claim(
             "2",
             "Under LQR the system converges quickly, with salient deviations from the target.",
-            f"LQR parks {number(rest, 3)} rad off, where the load has moved its equilibrium. That "
-            "equilibrium is unstable: the run is thrown off it and comes back (|τ| passes 10 N m "
+            f"LQR ends {number(rest, 3)} rad off: the load has moved its equilibrium. There it is "
+            "unstable, so the run is thrown off on its way and comes back (|τ| passes 10 N m "
             f"at {duration_text(lqr.over_limit or math.nan)}). What it does then hangs on the "
             "least errors: Radau and DOP853 agree within "
             f"{number(seen.deviation(LQR), 2)}{_thrown(seen)}.",

@@ -51,12 +51,14 @@ class Line:
 @dataclass(frozen=True)
 class Row:
     """A row of panels: what its axis says, and `lines` of each column. `log` draws decades down to
-    `floor`; `level` is a horizontal line with its name."""
+    `floor`; with `pale` all lines but the first style stand back; `level` is a horizontal line with
+    its name."""
 
     label: str
     lines: tuple[tuple[Line, ...], ...]
     log: bool = False
     floor: float = 1e-9
+    pale: bool = False
     level: tuple[float, str] | None = None
 
 
@@ -99,6 +101,8 @@ def _panel(axes: Axes, row: Row, lines: Sequence[Line], *, first: bool, last: bo
     scale, unit = (1e3, "ms") if end < _SHORT else (1.0, "s")
     for line in lines:
         look: dict[str, Any] = {"color": _COLOURS[line.style], "linestyle": _LINES[line.style]}
+        if row.pale and line.style:
+            look |= {"alpha": 0.4, "linewidth": 0.8}
         values = np.maximum(np.abs(line.values), row.floor) if row.log else line.values
         x, y = thinned(line.time * scale, values)
         axes.plot(x, y, **look, zorder=6 - line.style)

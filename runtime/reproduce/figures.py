@@ -185,7 +185,7 @@ def _torque(runs: Runs) -> tuple[Image, bytes]:
         return accumulated(run.time, run.signals["tau"] ** 2)
 
     rows: list[Any] = [
-        ("τ [N m]", "tau_Nm", _signal("tau"), {}),
+        ("τ [N m]", "tau_Nm", _signal("tau"), {"pale": True}),
         ("∫ τ² dt [N² m² s]", "effort", effort, {}),
     ]
     return _compared(runs, "5.2", rows)

@@ -60,6 +60,29 @@ def render_page(
     )
 
 
+def claims_markdown(results: Mapping[str, SectionResult]) -> str:
+    """Return the claims of `results` as Markdown, a table for each section."""
+    parts = []
+    for name, result in results.items():
+        if not result.claims:
+            continue
+        section = SECTIONS[name]
+        lines = [
+            f"## Section {name.removeprefix('section-')}: {section.title}",
+            "",
+            f"    pfaffian reproduce {name}",
+            "",
+            "| figures | the paper says | we measured | verdict |",
+            "|---|---|---|---|",
+        ]
+        for c in result.claims:
+            numbers = ", ".join(f.removeprefix("figure-").lstrip("0") for f in c.figures)
+            cells = (numbers, c.says, c.measured, c.verdict)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
 def _evidence(claim: Claim, result: SectionResult) -> list[tuple[str, str]]:
     """Return what a claim rests on, each with the place on the page where it stands, if there."""
     titles = {t.name: t.title for t in result.tables}
