@@ -50,8 +50,9 @@ def _flown(
 def _studied(
     section: str, main: Mapping[str, Task], folder: GeneratedFolder, request: Request
 ) -> SectionResult:
-    checks = {f"{c.reference} {k}": c for k, c in enumerate(convergence_checks(main))}
     variants = variant_tasks(folder, section)
+    compared_with = convergence_checks(main, variants)
+    checks = {f"{c.reference} {k}": c for k, c in enumerate(compared_with)}
     every = {**main, **variants, **{n: c.task for n, c in checks.items()}}
     flown = _flown(every, folder, request, section)
     runs = {n: flown[n] for n in main}

@@ -106,15 +106,27 @@ def _settling(case: Case) -> list[Case]:
     ]
 
 
-def convergence_checks(main: Mapping[str, Task]) -> list[Check]:
-    """Return what each run of `main` that is not as printed is compared with."""
+def convergence_checks(
+    main: Mapping[str, Task], variants: Mapping[str, Task] | None = None
+) -> list[Check]:
+    """Return what each run of `main`, and each of `variants`, is compared with."""
     checks: list[Check] = []
-    for name, task in main.items():
-        checks += [
-            Check(name, replace(task, solver=s, relative=r, absolute=a), decides)
-            for s, r, a, decides in _others(task.case)
-        ]
+    for runs, others in ((main, _others), (variants or {}, _another)):
+        for name, task in runs.items():
+            checks += [
+                Check(name, replace(task, solver=s, relative=r, absolute=a), decides)
+                for s, r, a, decides in others(task.case)
+            ]
     return checks
+
+
+def _another(case: Case) -> list[tuple[str, float, float, bool]]:
+    """Return the one solver that a variant is compared with."""
+    if case.adaptation_printed:  # which the second formulation does not have
+        return [("LSODA", 1e-6, 1e-8, True)]
+    if case.terms == TERMS[0] or case.name.endswith(("damping", "damping-both")):
+        return [("LSODA", 1e-10, 1e-12, True)]  # these end in the singular set
+    return [(CVODES, 1e-8, 1e-10, True)]
 
 
 def _others(case: Case) -> list[tuple[str, float, float, bool]]:
