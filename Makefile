@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary bench setup clean
+.PHONY: run test lint check verify elementary bench reproduce setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -29,6 +29,10 @@ elementary: $(READY)
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate
+
+# Every simulation of the paper, its convergence tables and the verdicts on its claims (minutes).
+reproduce: $(READY)
+	$(BIN)/pfaffian reproduce all
 
 setup: $(READY)
 

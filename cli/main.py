@@ -9,6 +9,8 @@ from typing import Annotated, NoReturn
 
 import typer
 from pfaffian.cli import output
+from pfaffian.cli.bench_commands import bench_app
+from pfaffian.cli.options import FlightSet, Generated, Json, Model, Params, SetName
 from pfaffian.runtime.errors import InputError, PfaffianError
 
 app = typer.Typer(
@@ -18,19 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="From a Lagrangian and a servo-constraint to verified controller code on a target.",
 )
-bench_app = typer.Typer(no_args_is_help=True, help="Measure against peers in the same run.")
 app.add_typer(bench_app, name="bench")
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
-Model = Annotated[str, typer.Argument(help="A model of the library, or the folder of your own.")]
-SetName = Annotated[str | None, typer.Option("--set", help="Parameter set of the model.")]
-FlightSet = Annotated[
-    str | None, typer.Option("--set", help="Parameter set to fly instead of the scenario's.")
-]
-Params = Annotated[Path | None, typer.Option("--params", help="Parameter set in a TOML file.")]
-Generated = Annotated[
-    Path | None, typer.Option("--generated", help="Folder of generated code to use instead.")
-]
 
 
 @app.command()
@@ -297,75 +287,20 @@ def campaign(
     fly(spec, generated, jobs, written, json)
 
 
-@bench_app.command("regenerate")
-def bench_regenerate(
-    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
-    runs: Annotated[int, typer.Option(min=1, help="Whole processes of each kind.")] = 5,
+@app.command()
+def reproduce(
+    what: Annotated[
+        str, typer.Argument(help="all, a section (section-5.3) or a figure (figure-7).")
+    ] = "all",
+    folder: Annotated[
+        Path, typer.Option("-o", "--output", help="Where page, figures and data go.")
+    ] = Path("report/reproduction"),
     json: Json = False,
 ) -> None:
-    """Time a regeneration after a parameter change: whole processes, cold and warm."""
-    from pfaffian.cli.bench import bench_regeneration
+    """Make the paper's figures and tables as measured here, and judge its claims."""
+    from pfaffian.cli.reproduce import reproduce as run_reproduction
 
-    bench_regeneration(model, runs, json)
-
-
-@bench_app.command("step")
-def bench_step(
-    states: Annotated[
-        int, typer.Option(min=2, max=256, help="States along a flight, and as many at random.")
-    ] = 64,
-    passes: Annotated[int, typer.Option(min=1, help="Timed passes over the states.")] = 301,
-    rows: Annotated[
-        int, typer.Option(min=1, help="States of the vectorised NumPy call.")
-    ] = 100_000,
-    json: Json = False,
-) -> None:
-    """Count and time one control step: ours, CasADi's and SymPy's C, and two written by hand."""
-    from pfaffian.cli.bench_step import bench_step as run_bench
-
-    run_bench(states, passes, rows, json)
-
-
-@bench_app.command("batch")
-def bench_batch(
-    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
-    samples: Annotated[int, typer.Option(min=1, help="Samples a call.")] = 1024,
-    passes: Annotated[int, typer.Option(min=1, help="Timed calls of each.")] = 301,
-    json: Json = False,
-) -> None:
-    """Time the batch form beside the scalar functions in a loop, on the same samples."""
-    from pfaffian.cli.bench_batch import bench_batch as run_bench
-
-    run_bench(model, samples, passes, json)
-
-
-@bench_app.command("chain")
-def bench_chain(
-    links: Annotated[str, typer.Option(help="Numbers of links, separated by commas.")] = "2,4,6,8",
-    json: Json = False,
-) -> None:
-    """Derive the n-link chain with this package, SymPy's methods and CasADi, in one run."""
-    from pfaffian.cli.bench_chain import bench_chain as run_bench
-
-    run_bench(links, json)
-
-
-@bench_app.command("sensing")
-def bench_sensing(
-    delay: Annotated[
-        str, typer.Option(help="Delay at 20 rad/s that the proposal may have.")
-    ] = "5 ms",
-    damping: Annotated[
-        float | None, typer.Option(help="Of the tracking loop, 0.5 to 2 [0.707].")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw noise against delay, *.svg.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
-    json: Json = False,
-) -> None:
-    """Compare two velocity estimators behind an encoder: phase lag, noise; propose one."""
-    from pfaffian.cli.bench_sensing import bench_sensing as run_bench
-
-    run_bench(delay, damping, plot, force, json)
+    run_reproduction(what, folder, json)
 
 
 def main() -> None:

@@ -38,20 +38,27 @@ def cached(stage: str, key: str, compute: Callable[[], bytes]) -> bytes:
 
     A folder that cannot be written is passed over: the result is computed each time.
     """
+    known = stored(stage, key)
+    if known is not None:
+        return known
+    body = compute()
+    folder = cache_folder()
+    if folder is not None:
+        _store(folder / stage / key, body + hashlib.sha256(body).digest())
+    return body
+
+
+def stored(stage: str, key: str) -> bytes | None:
+    """Return the stored result of `stage` for `key`, or nothing where there is none."""
     folder = cache_folder()
     if folder is None:
-        return compute()
-    entry = folder / stage / key
+        return None
     try:
-        stored = entry.read_bytes()
-        body, seal = stored[:-32], stored[-32:]
-        if hashlib.sha256(body).digest() == seal:
-            return body
+        content = (folder / stage / key).read_bytes()
     except OSError:
-        pass
-    body = compute()
-    _store(entry, body + hashlib.sha256(body).digest())
-    return body
+        return None
+    body, seal = content[:-32], content[-32:]
+    return body if hashlib.sha256(body).digest() == seal else None
 
 
 def _store(entry: Path, content: bytes) -> None:

@@ -1,0 +1,177 @@
+"""`pfaffian reproduce`: the paper's figures and tables, as measured here."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from pfaffian.runtime.reproduce.registry import Choice
+    from pfaffian.runtime.reproduce.result import SectionResult, Update
+
+_ROOMS = ("runtime", "derive", "generated/pendubot", "templates/reproduction", "templates/report")
+_TOOLS = ("numpy", "scipy", "casadi", "matplotlib", "mujoco", "jinja2")
+PAGE, DOCUMENT, CLAIMS = "reproduction.html", "reproduction.json", "claims.md"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A reproduction: the content of its files by name, and the document of `--json`."""
+
+    files: dict[str, bytes]
+    document: dict[str, Any]
+
+
+def reproduce(reference: str, folder: Path, as_json: bool) -> None:
+    """Make what `reference` names, write it into `folder`, and print the verdicts."""
+    from pfaffian.runtime.cache import cached
+    from pfaffian.runtime.files import write_whole
+    from pfaffian.runtime.reproduce.registry import choices
+
+    chosen = choices(reference)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: is no folder", remedy="name a folder")
+    key = _key(reference)
+    made: Made = pickle.loads(
+        cached("reproduction", key, lambda: pickle.dumps(_make(reference, chosen)))
+    )
+    for name, content in made.files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content)
+    document = {**made.document, "folder": str(folder), "page": str(folder / PAGE)}
+    failures = document["failures"]
+    output.deliver(
+        document,
+        as_json,
+        lambda: _print(document),
+        "; ".join(failures),
+        "see the table of convergence, or of Theorem 1, on the page",
+    )
+
+
+def _key(reference: str) -> str:
+    """Return the digest of all that a reproduction depends on: code, model, templates, tools."""
+    from pfaffian.runtime.cache import digest
+
+    parts = [reference.encode()]
+    for room in _ROOMS:
+        top, _, below = room.partition("/")
+        root = Path(str(files(f"pfaffian.{top}"))) / below
+        for path in sorted(p for p in root.rglob("*") if p.is_file()):
+            if "__pycache__" not in path.parts:
+                parts += [str(path.relative_to(root)).encode(), path.read_bytes()]
+    for tool in _TOOLS:
+        try:
+            parts.append(f"{tool} {version(tool)}".encode())
+        except PackageNotFoundError:
+            parts.append(f"no {tool}".encode())
+    return digest(*parts, Path(__file__).read_bytes())
+
+
+def _make(reference: str, chosen: list[Choice]) -> Made:
+    from pfaffian.runtime.generated_model import open_generated
+    from pfaffian.runtime.reproduce.page import claims_markdown, render_page
+    from pfaffian.runtime.reproduce.registry import ALL, left_out
+    from pfaffian.runtime.reproduce.result import Request
+
+    results: dict[str, SectionResult] = {}
+    for choice in chosen:
+        maker: Any = choice.section.maker()
+        with _progress() as update:
+            results[choice.section.name] = maker(
+                choice.section.name, Request(choice.figures, choice.whole, update)
+            )
+    skipped = left_out() if reference == ALL else []
+    page = render_page(
+        results, open_generated("pendubot").manifest, f"pfaffian reproduce {reference}", skipped
+    )
+    document = _document(reference, results, skipped)
+    content = {
+        f"figures/{figure.name}.{kind}": data
+        for result in results.values()
+        for figure in result.figures
+        for kind, data in (
+            ("svg", figure.image.svg),
+            ("pdf", figure.image.pdf),
+            ("csv", figure.csv),
+        )
+    }
+    content |= {PAGE: page.encode(), DOCUMENT: _text(document)}
+    if document["claims"]:
+        content[CLAIMS] = claims_markdown(results).encode()
+    return Made(content, document)
+
+
+def _text(document: dict[str, Any]) -> bytes:
+    import json
+
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+@contextmanager
+def _progress() -> Iterator[Update]:
+    """Show each label with its share on standard error, a bar at a time."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=output.err) as bars:
+        tasks: dict[str, Any] = {}
+
+        def update(label: str, done: int, total: int) -> None:
+            if label not in tasks:
+                tasks[label] = bars.add_task(label, total=total)
+            bars.update(tasks[label], completed=done, total=total)
+
+        yield update
+
+
+def _document(
+    reference: str, results: dict[str, SectionResult], skipped: list[str]
+) -> dict[str, Any]:
+    return {
+        "reproduced": reference,
+        "figures": [
+            {
+                "name": f.name,
+                "number": f.number,
+                "section": f.section,
+                "title": f.title,
+                "files": [f"figures/{f.name}.{kind}" for kind in ("svg", "pdf", "csv")],
+            }
+            for r in results.values()
+            for f in r.figures
+        ],
+        "claims": [{**asdict(c), "command": c.command} for r in results.values() for c in r.claims],
+        "tables": {t.name: asdict(t) for r in results.values() for t in r.tables},
+        "skipped": [*skipped, *(text for r in results.values() for text in r.skipped)],
+        "failures": [text for r in results.values() for text in r.failures],
+    }
+
+
+def _print(document: dict[str, Any]) -> None:
+    rows = [
+        (c["section"], ", ".join(f[7:].lstrip("0") for f in c["figures"]), c["says"], c["verdict"])
+        for c in document["claims"]
+    ]
+    if rows:
+        output.table("claims", ("section", "figures", "the paper says", "verdict"), rows)
+    for text in document["skipped"]:
+        output.out.print(f"left out: {text}", markup=False, soft_wrap=True)
+    count = len(document["figures"])
+    word = "figure" if count == 1 else "figures"
+    output.out.print(f"{count} {word}; page: {document['page']}", markup=False, soft_wrap=True)

@@ -1,0 +1,1 @@
+"""The parts of the reproduction that need the derivation: a second formulation, the certificate."""
