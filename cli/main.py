@@ -199,7 +199,9 @@ def verify(
 @app.command()
 def build(
     model: Model,
-    target: Annotated[str, typer.Option(help="host or ppc750.")] = "ppc750",
+    target: Annotated[
+        str, typer.Option(help="host, a target's name (pfaffian targets), or its TOML file.")
+    ] = "ppc750",
     toolchain: Annotated[str, typer.Option(help="auto, zig or gcc.")] = "auto",
     folder: Annotated[
         Path | None, typer.Option("-o", "--output", help="Where to put the image.")
@@ -211,6 +213,14 @@ def build(
     from pfaffian.cli.make import build_image
 
     build_image(model, target, toolchain, folder, generated, json)
+
+
+@app.command()
+def targets(json: Json = False) -> None:
+    """List the targets that firmware is built for, and their compilers."""
+    from pfaffian.cli.make import list_targets
+
+    list_targets(json)
 
 
 @app.command()

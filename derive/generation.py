@@ -6,6 +6,7 @@ import hashlib
 from dataclasses import dataclass
 
 from pfaffian.derive.emit.batch import emit_batch
+from pfaffian.derive.emit.build_files import emit_build_files
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.emitter import Emission, Emitter
 from pfaffian.derive.emit.jacobian import emit_jacobian
@@ -30,6 +31,7 @@ def generate(emission: Emission) -> Generation:
     on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
     for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
+    files |= emit_build_files(emission, files)
     digests = {
         path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())
     }
