@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary bench setup clean
+.PHONY: run test lint check verify elementary machines bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -26,6 +26,10 @@ verify: $(READY)
 # The elementary functions at a million points each (minutes), proofs and costs included.
 elementary: $(READY)
 	PFAFFIAN_ELEMENTARY_POINTS=250000 $(BIN)/python -m pytest -n $(JOBS) tests/test_elementary_*.py
+
+# One trajectory of 30,000 periods on every machine there is: its hashes must be one.
+machines: $(READY)
+	PFAFFIAN_FLIGHT_STEPS=30000 $(BIN)/python -m pytest -v -s tests/test_flight_programs.py -k one_trajectory
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate

@@ -119,6 +119,42 @@ def find_target(reference: str, toolchain: str = "auto") -> Target:
     )
 
 
+def program_target(reference: str) -> tuple[Target, tuple[str, ...]]:
+    """Return `reference` as a target of whole Linux programs, and what runs them here.
+
+    Raises `InputError` where its file names no such programs, `MissingToolError` without the
+    compiler, its C library or the emulator.
+    """
+    described = read_target(reference)
+    tool = next((t for t in described.toolchains if t.program), None)
+    if tool is None or not described.qemu_user:
+        raise InputError(
+            f"target {described.name} runs no Linux programs",
+            remedy="give its file qemu_user, and [toolchain.gcc] program",
+        )
+    for command, package in (
+        (tool.command, tool.package),
+        (described.qemu_user[0], "qemu-user"),
+    ):
+        if not shutil.which(command):
+            raise MissingToolError(
+                f"no {command} found for target {described.name}",
+                remedy=f"install it: apt-get install {package}",
+            )
+    asked = [tool.command, "-print-file-name=libc.a"]  # answers with a path where there is one
+    answer = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60).stdout
+    if not Path(answer.strip()).is_absolute():
+        raise MissingToolError(
+            f"no C library found for target {described.name}",
+            remedy=f"install it: apt-get install {tool.program_package}",
+        )
+    name = f"{described.name}-program"
+    return (
+        Target(name, (tool.command,), tool.flags, described.byte_order, tool.program),
+        described.qemu_user,
+    )
+
+
 def _how_to_get(tool: Toolchain) -> str:
     if tool.name == "zig":
         return "pip install 'pfaffian[target]' for zig"
@@ -197,13 +233,19 @@ def batch_sources(folder: Path, manifest: Manifest) -> list[Path]:
 
 
 def compile_image(
-    target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str] = ()
+    target: Target,
+    sources: Sequence[Path],
+    include: Path,
+    extra: Sequence[str] = (),
+    also: Sequence[Path] = (),
 ) -> bytes:
     """Return the linked image of `sources` for `target`, from the cache where it is known.
 
-    Raises `CheckError` with the compiler's own words where it refuses.
+    `also` are further folders of headers and linker scripts. Raises `CheckError` with the
+    compiler's own words where it refuses.
     """
-    headers = sorted(include.glob("*.h"))
+    folders = (include, *also)
+    headers = sorted(p for f in folders for p in (*f.glob("*.h"), *f.glob("*.ld")))
     version = subprocess.run(
         [*target.command, "--version"], capture_output=True, check=False, timeout=120
     ).stdout
@@ -213,10 +255,12 @@ def compile_image(
         b"absolute paths",  # images of relative ones may hold another folder's headers
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
-    return cached(f"image-{target.name}", key, lambda: _compile(target, sources, include, extra))
+    return cached(f"image-{target.name}", key, lambda: _compile(target, sources, folders, extra))
 
 
-def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequence[str]) -> bytes:
+def _compile(
+    target: Target, sources: Sequence[Path], folders: Sequence[Path], extra: Sequence[str]
+) -> bytes:
     with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
         image = Path(scratch) / "image"
         libraries = ["-lm"] if target.name == "host" else []
@@ -227,7 +271,7 @@ def _compile(target: Target, sources: Sequence[Path], include: Path, extra: Sequ
             *target.link,
             *extra,
             # Absolute: zig's own cache takes the same words for the same headers in any folder.
-            f"-I{include.resolve()}",
+            *(f"-I{folder.resolve()}" for folder in folders),
             *(str(s.resolve()) for s in sources),
             "-o",
             str(image),
