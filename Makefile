@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines bench setup clean
+.PHONY: run test lint check verify elementary machines prove bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -30,6 +30,11 @@ elementary: $(READY)
 # One trajectory of 30,000 periods on every machine there is: its hashes must be one.
 machines: $(READY)
 	PFAFFIAN_FLIGHT_STEPS=30000 $(BIN)/python -m pytest -v -s tests/test_flight_programs.py -k one_trajectory
+
+# Static analysis, sanitizers and proofs; `make test` runs them too. -rs names what is skipped.
+prove: $(READY)
+	$(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py tests/test_eva.py \
+	  tests/test_elementary_proofs.py tests/test_c_contract.py
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate
