@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove bench setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz flips bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -35,6 +35,14 @@ machines: $(READY)
 prove: $(READY)
 	$(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py tests/test_eva.py \
 	  tests/test_elementary_proofs.py tests/test_c_contract.py
+
+# The fuzzer for TIME seconds; a million bit flips with their rates.
+TIME ?= 60
+fuzz: $(READY)
+	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
+
+flips: $(READY)
+	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate
