@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz flips bench setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz flips vectors bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -43,6 +43,10 @@ fuzz: $(READY)
 
 flips: $(READY)
 	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py
+
+# The vectors for builds on other hardware, computed again.
+vectors: $(READY)
+	$(BIN)/python -m pfaffian.derive.verify.vectors pendubot > runtime/vectors/pendubot_vectors.h
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate
