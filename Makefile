@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz flips vectors bench setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -47,6 +47,10 @@ flips: $(READY)
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)
 	$(BIN)/python -m pfaffian.derive.verify.vectors pendubot > runtime/vectors/pendubot_vectors.h
+
+# An hour of flight at 1 kHz in the Linux harness, as fast as it goes.
+soak: $(READY)
+	PFAFFIAN_SOAK_STEPS=3600000 $(BIN)/python -m pytest -s tests/test_linux_harness.py -k long_flight
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate

@@ -105,11 +105,19 @@ COMPILERS = {
 def test_compilers_have_nothing_to_say(name, tmp_path):
     c = open_generated("pendubot").path / "c"
     sources = [*sorted(c.glob("*.c")), *sorted(RUNTIME.glob("*.c"))]
+    sources += sorted((RUNTIME / "linux").glob("*.c"))
     if name.startswith("powerpc"):
         sources += sorted((RUNTIME / "ppc_bare").glob("*.c"))
     for source in sources:
-        hosted = [] if "linux" in source.name else ["-ffreestanding"]
+        hosted = [] if "linux" in str(source) else ["-ffreestanding"]
         command = [*COMPILERS[name], "-std=c99", "-O2", *hosted, *WARNINGS, "-Werror", f"-I{c}"]
-        command += [f"-I{RUNTIME}", "-c", str(source), "-o", str(tmp_path / "one.o")]
+        command += [
+            f"-I{RUNTIME}",
+            f"-I{RUNTIME / 'linux'}",
+            "-c",
+            str(source),
+            "-o",
+            str(tmp_path / "one.o"),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
