@@ -48,9 +48,10 @@ flips: $(READY)
 vectors: $(READY)
 	$(BIN)/python -m pfaffian.derive.verify.vectors pendubot > runtime/vectors/pendubot_vectors.h
 
-# An hour of flight at 1 kHz in the Linux harness, as fast as it goes.
+# An hour of flight at 1 kHz, in the Linux harness as fast as it goes and on the bare machine.
 soak: $(READY)
-	PFAFFIAN_SOAK_STEPS=3600000 $(BIN)/python -m pytest -s tests/test_linux_harness.py -k long_flight
+	PFAFFIAN_SOAK_STEPS=3600000 $(BIN)/python -m pytest -s -rs -k "long_flight or soak" \
+	  tests/test_linux_harness.py tests/test_flight_programs.py
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate

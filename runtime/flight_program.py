@@ -232,6 +232,7 @@ def _mailbox_type(manifest: Manifest) -> np.dtype[np.void]:
         [
             ("frame", frame_type(manifest, ">")),
             ("forced_period_ticks", ">u4"),
+            ("kept", ">u4"),
             *((name, ">u4") for name in report),
         ],
         align=True,
@@ -239,9 +240,12 @@ def _mailbox_type(manifest: Manifest) -> np.dtype[np.void]:
 
 
 def run_bare(
-    image: bytes, manifest: Manifest, frame: bytes, forced_period_ticks: int = 0
+    image: bytes, manifest: Manifest, frame: bytes, forced_period_ticks: int = 0, kept: int = 0
 ) -> tuple[np.ndarray[Any, Any], bytes]:
     """Run an image on the bare machine; return the mailbox at the end, and the records.
+
+    `kept` bounds the records of a flight longer than the memory: each then takes the place of the
+    one so many periods before.
 
     The machine's memory is a file: the frame is put there before, the records are taken from it.
     """
@@ -252,7 +256,7 @@ def run_bare(
     kind = _mailbox_type(manifest)
     mailbox = np.zeros(1, kind)
     mailbox["frame"] = np.frombuffer(frame, kind["frame"])
-    mailbox["forced_period_ticks"] = forced_period_ticks
+    mailbox["forced_period_ticks"], mailbox["kept"] = forced_period_ticks, kept
     with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
         kernel, memory = Path(scratch) / "flight.elf", Path(scratch) / "memory"
         kernel.write_bytes(image)
@@ -269,7 +273,7 @@ def run_bare(
         with memory.open("rb") as file:
             file.seek(MAILBOX)
             found = np.frombuffer(file.read(kind.itemsize), kind)
-            periods = int(found["periods"][0])
+            periods = min(int(found["periods"][0]), kept or MEMORY_BYTES)
             file.seek(RECORDS)
             raw = file.read(periods * record_type(manifest, ">").itemsize)
     if done.returncode != 0 or found["magic"][0] != MAGIC:

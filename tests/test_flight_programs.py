@@ -47,6 +47,7 @@ from pfaffian.runtime.toolchain import (
 
 pytestmark = pytest.mark.target
 STEPS = int(os.environ.get("PFAFFIAN_FLIGHT_STEPS", "2000"))
+SOAK = int(os.environ.get("PFAFFIAN_SOAK_STEPS", "5000"))
 SCENARIO = replace(read_scenario("section-5.1-designed"), steps=STEPS)
 SHORT = replace(SCENARIO, steps=200)
 FOLDER, MANIFEST = SCENARIO.folder, SCENARIO.folder.manifest
@@ -285,6 +286,27 @@ def test_a_period_shorter_than_its_work_is_counted_as_overrun(how):
     assert report.missed >= SHORT.steps - 1
     assert report.late_ticks > 300
     assert flown.sha256() == fly(SHORT, model, model, "host").sha256()  # late, and still right
+
+
+@pytest.mark.parametrize("how", [pytest.param("bare", marks=needs_bare)])
+def test_a_soak_on_bare_metal_neither_overruns_nor_drifts(how):
+    """`make soak` flies an hour. The plant takes one substep a period: it is not what is tried."""
+    kept = 500
+    scenario = replace(SCENARIO, steps=SOAK, plant_substeps=1)
+    frame = first_frame(scenario, ">").tobytes()
+    found, raw = run_bare(bare_program(scenario), MANIFEST, frame, kept=kept)
+    report = {n: int(found[n][0]) for n in ("periods", "overruns", "missed", "step_ticks")}
+    print(f"\nbare metal: {report}, latest start {int(found['late_ticks'][0])} ticks")
+    assert report["periods"] == SOAK
+    assert report["overruns"] == report["missed"] == 0
+    model = host_model(FOLDER)
+    wanted = fly(scenario, model, model, "host")
+    records = np.frombuffer(raw, record_type(MANIFEST, ">"))
+    assert len(records) == kept
+    for k in (SOAK - 1, SOAK - kept):  # the last, and the oldest that is left
+        for role, here in (("state", wanted.state), ("output", wanted.output)):
+            for name in here.dtype.names:
+                assert records[role][name][k % kept] == here[name][k]
 
 
 @pytest.mark.parametrize("how", [pytest.param("bare", marks=needs_bare)])

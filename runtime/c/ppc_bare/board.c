@@ -44,6 +44,7 @@ typedef struct {
 typedef struct {
     pf_frame_t frame;
     uint32_t forced_period_ticks; /* unless 0, the period: shorter than a step, it must overrun */
+    uint32_t kept; /* records: unless 0, each takes the place of the one so many periods before */
     pf_board_report_t report;
 } pf_mailbox_t;
 
@@ -176,7 +177,8 @@ void pf_board_tick(void)
 {
     const uint32_t begun = time_base();
     const int32_t left = decrementer(); /* below zero by as much as this is late */
-    pf_record_t *record = &pf_records[flight.period];
+    const uint32_t kept = pf_mailbox.kept;
+    pf_record_t *record = &pf_records[(kept != 0U) ? (flight.period % kept) : flight.period];
     uint32_t before, ticks;
 
     set_next_period();
@@ -222,7 +224,10 @@ void pf_board_main(void)
     for (low = pf_bss_end; low < (unsigned char *)__builtin_frame_address(0) - 256; ++low) {
         *low = 0xa5U;
     }
-    report.fault = pf_flight_check(&pf_mailbox.frame, room);
+    report.fault = pf_flight_check(&pf_mailbox.frame, (pf_mailbox.kept != 0U) ? UINT32_MAX : room);
+    if (pf_mailbox.kept > room) {
+        report.fault |= PF_FAULT_LENGTH;
+    }
     if (report.fault != 0U || pf_mailbox.frame.steps == 0U) {
         leave();
         return;
