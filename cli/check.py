@@ -39,7 +39,7 @@ def verification(
     """Return the document of one verification. Raises where code and source do not belong."""
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-    from pfaffian.derive.verify.compare import verify
+    from pfaffian.derive.verify.compare import FOLLOWING, FUNCTIONS, verify
     from pfaffian.derive.verify.unit import SINGLE_UNIT, UNITS
     from pfaffian.runtime.generated_model import (
         host_model,
@@ -70,7 +70,17 @@ def verification(
     wanted = min(samples, _TARGET_SAMPLES if target_samples is None else target_samples)
     with output.progress(f"verifying on {samples} samples") as update:
         found = verify(
-            derivation, model, sets, subjects, target, samples, wanted, update, unit, witness
+            derivation,
+            model,
+            sets,
+            subjects,
+            target,
+            samples,
+            wanted,
+            update,
+            unit,
+            witness,
+            (*FUNCTIONS, *(FOLLOWING if code.manifest.plans else ())),
         )
     return found.as_json()
 

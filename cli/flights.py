@@ -50,12 +50,24 @@ def fly_scenario(
     as_json: bool,
 ) -> None:
     """Fly a scenario on the host, or in the loop and compare with the host."""
+    from pfaffian.cli.twins import twin_document
     from pfaffian.runtime.scenario import read_scenario
+    from pfaffian.runtime.twin.read import is_twin
 
     if where:
         where.check()
-    scenario = read_scenario(reference, generated, set_name)
-    _, document = fly_both(scenario, where) if where else fly_host(scenario)
+    if is_twin(reference):
+        if where and (where.emulator, where.target) != ("unicorn", BARE_TARGET):
+            raise InputError(
+                f"{reference} flies on the twin, which --emulator {where.emulator} "
+                f"--target {where.target} does not drive",
+                remedy=f"leave them out: the twin flies {BARE_TARGET} on unicorn",
+            )
+        mode = where.emulator if where else "host"
+        document = twin_document(reference, mode, set_name, generated)
+    else:
+        scenario = read_scenario(reference, generated, set_name)
+        _, document = fly_both(scenario, where) if where else fly_host(scenario)
     output.deliver(
         document,
         as_json,

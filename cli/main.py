@@ -171,12 +171,15 @@ def generate(
         bool, typer.Option("--batch", help="Also C for many samples at once.")
     ] = False,
     precision: Annotated[str, typer.Option(help="Of the C code: double or single.")] = "double",
+    plan: Annotated[
+        Path | None, typer.Option(help="A plan to follow, beside those of the model.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
     from pfaffian.cli.make import Extras, generate_files
 
-    extras = Extras(bake, jacobians, batch, precision)
+    extras = Extras(bake, jacobians, batch, precision, plan)
     generate_files(model, set_name, params, folder, check, extras, json)
 
 

@@ -67,14 +67,23 @@ def _regenerate(reference: str) -> Path:
     from pfaffian.derive.emit.emitter import Emission
     from pfaffian.derive.generation import generate
     from pfaffian.derive.library import find_model
-    from pfaffian.derive.pipeline import library_sets, lowered_model
+    from pfaffian.derive.pipeline import (
+        library_controls,
+        library_sets,
+        lowered_model,
+        plan_tables,
+    )
     from pfaffian.derive.writer import write_generation
 
     source = find_model(reference)
     output.note(f"deriving {source.name} and generating its code")
     model = lowered_model(source)
     target = Path("generated") / source.name
-    write_generation(generate(Emission(model, library_sets(model, source))), target)
+    sets = library_sets(model, source)
+    plans = plan_tables(model, source, sets, None)
+    controls = library_controls(model, source, sets, plans)
+    emission = Emission(model, sets, plans=plans, controls=controls)
+    write_generation(generate(emission), target)
     return target
 
 

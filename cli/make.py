@@ -25,9 +25,15 @@ class Extras:
     jacobians: bool = False
     batch: bool = False
     precision: str = "double"
+    plan: Path | None = None
 
     def check(self) -> None:
         """Raise `InputError` for what does not come in single precision."""
+        if self.bake and self.plan:
+            raise InputError(
+                "--plan and --bake are both given",
+                remedy="leave one out: a law with a set folded in follows no plan",
+            )
         names = [n for n in ("bake", "jacobians", "batch") if getattr(self, n)]
         if names and self.precision != "double":
             raise InputError(
@@ -53,9 +59,11 @@ def generate_files(
     from pfaffian.derive.pipeline import (
         StageClock,
         jacobian_programs,
+        library_controls,
         library_sets,
         lowered_model,
         parameter_set,
+        plan_tables,
         single_elementary,
     )
     from pfaffian.derive.writer import drift, write_generation
@@ -82,11 +90,16 @@ def generate_files(
         )
     clock.record("parameters", since)
     jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
+    plans = () if extras.bake else plan_tables(model, source, sets, extras.plan)
     since = time.perf_counter()
     with source.blamed():
         single = {} if precision is DOUBLE else single_elementary()
         generation = generate(
-            Emission(model, sets, extras.bake, jacobians, extras.batch, precision, single)
+            Emission(
+                *(model, sets, extras.bake, jacobians, extras.batch, precision, single),
+                plans=plans,
+                controls=() if extras.bake else library_controls(model, source, sets, plans),
+            )
         )
     clock.record("emit", since)
     target = (

@@ -14,10 +14,12 @@ from types import SimpleNamespace
 import sympy as sp
 from pfaffian.derive.dimensions import check_unit, unit_product
 from pfaffian.derive.law_parameters import (
+    SwingUpGains,
     friction_force,
     friction_parameters,
     law_parameters,
     limit_names,
+    swing_up_parameters,
 )
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.residuals import holonomic, second_order
@@ -29,6 +31,7 @@ from pfaffian.derive.spec import (
     ServoConstraint,
     StabilityCondition,
     standard_law,
+    standard_swing_up,
     symbol_of,
     symbols_of,
 )
@@ -61,6 +64,7 @@ class ModelBuilder:
         self._own_uncertain: list[Parameter] = []
         self._own_friction: list[tuple[sp.Expr, sp.Expr]] = []
         self._residuals: list[_Residual] = []
+        self._swing_up: tuple[Parameter, ...] = ()
 
     def coordinate(
         self, name: str, unit: str, description: str, *, bound: float, rate_bound: float
@@ -121,6 +125,21 @@ class ModelBuilder:
                 remedy="declare the coordinates before the actuator",
             )
         self._columns.append([sp.sympify(on.get(c.name, 0)) for c in self._coordinates])
+
+    def swing_up(self, *, kP: float, kD: float, kE: float, kV: float) -> None:
+        """Give the plant the energy swing-up law, with these gains unless a set names others.
+
+        The plant needs one actuator, which acts on one coordinate: it is declared before this.
+        """
+        on = [c for k, c in enumerate(self._coordinates) for row in self._columns if row[k] != 0]
+        if len(on) != 1:
+            raise InputError(
+                f"model {self._name}: the energy swing-up law needs one actuator on one "
+                f"coordinate, but {len(on)} are acted on",
+                remedy="declare that actuator before the swing-up, or leave the swing-up out",
+                about="swing_up",
+            )
+        self._swing_up = swing_up_parameters(on[0].unit, SwingUpGains(kP, kD, kE, kV))
 
     def first_order(self, name: str, unit: str, residual: sp.Expr) -> None:
         """Add the servo-constraint s(q, q', t) = 0, its residual s in `unit`."""
@@ -210,6 +229,7 @@ class ModelBuilder:
             *self._parameters,
             *gains,
             *law,
+            *self._swing_up,
             *self._setpoints(),
             *(p for f in friction for p in f),
             *self._own_uncertain,
@@ -231,6 +251,7 @@ class ModelBuilder:
             constraint=self._constraint(p, dict(errors or {})),
             law=standard_law(p, *(getattr(p, name) for name in limit_names(self._actuators))),
             stability=stability,
+            swing_up=standard_swing_up(p) if self._swing_up else None,
         )
 
     def _own_force(self, coordinate: Coordinate) -> sp.Expr:

@@ -6,7 +6,7 @@ no number: `s`, `beta`, `adb`; with more they do: `s1`, `beta2`, `adb12`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -143,10 +143,12 @@ def define_shared(
     dynamics: Dynamics,
     constraint: Constraint,
     least_square: sp.Expr = sp.S.Zero,
+    error_rates: Sequence[sp.Expr] = (),
 ) -> Shared:
     """Define s, drift, ADB, the demand b + AD(C q' + G) and the regressor Pi of (47).
 
-    `least_square` is added to |e|^2 and |e'|^2 in Pi.
+    `least_square` is added to |e|^2 and |e'|^2 in Pi; `error_rates` (n,) are e' where it does not
+    follow from e(q, t).
     """
     units, m = LawUnits(spec), len(spec.actuators)
     errors = [
@@ -173,7 +175,10 @@ def define_shared(
         demand.append(
             builder.define(d, right + (ad[r, :] * bias)[0], "b + A D (C q' + G)", units.drifts[r])
         )
-    regressor = _define_regressor(builder, spec, errors, named, least_square)
+    rates = error_rates or [
+        time_derivative(e, spec.coordinates).xreplace(named) for e in spec.constraint.errors
+    ]
+    regressor = _define_regressor(builder, spec, errors, rates, least_square)
     return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
 
 
@@ -246,7 +251,7 @@ def _define_regressor(
     builder: BlockBuilder,
     spec: ModelSpec,
     errors: list[sp.Symbol],
-    named: dict[sp.Basic, sp.Symbol],
+    rates: Sequence[sp.Expr],
     least_square: sp.Expr,
 ) -> sp.Symbol:
     """Define Pi = (|e'| + 1)^2 + (|e| + 1)^2.
@@ -255,7 +260,6 @@ def _define_regressor(
     """
     kinds = {c.unit for c in spec.coordinates}
     motion = kinds.pop() if len(kinds) == 1 else ""
-    rates = [time_derivative(e, spec.coordinates).xreplace(named) for e in spec.constraint.errors]
     speed = builder.define(
         "speed",
         sp.sqrt(sp.Add(*(v**2 for v in rates), least_square)),

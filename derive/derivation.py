@@ -16,6 +16,7 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.dimensions import dimension_of, force_unit
+from pfaffian.derive.following_law import following_law
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
@@ -24,6 +25,7 @@ from pfaffian.derive.linearisation import linearisation_blocks
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.sampled_law import prepared_values, sampled_law
 from pfaffian.derive.spec import TIME, Matrix, ModelSpec, symbol_of
+from pfaffian.derive.swing_up import check_swing_up, swing_up_blocks, swing_up_identities
 from pfaffian.derive.zero_dynamics import ZeroDynamics, zero_dynamics
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
@@ -63,11 +65,13 @@ class Derivation:
 def derive(spec: ModelSpec) -> Derivation:
     """Derive `spec`. Raises `InputError` where the specification is at fault."""
     check_dimensions(spec)
+    check_swing_up(spec)
     dynamics = lagrangian_dynamics(spec)
     constraint = servo_constraint(spec)
     check_input_gain(spec, dynamics, constraint)
     zeros = zero_dynamics(spec, dynamics, constraint)
     hurwitz = hurwitz_conditions(spec, zeros)
+    follow = following_law(spec, dynamics)
     return Derivation(
         spec=spec,
         dynamics=dynamics,
@@ -76,10 +80,14 @@ def derive(spec: ModelSpec) -> Derivation:
         decomposition=_decompose(dynamics, constraint),
         zero_dynamics=zeros,
         hurwitz=hurwitz,
-        identities=prove_identities(spec, dynamics, constraint),
+        identities=(
+            *prove_identities(spec, dynamics, constraint),
+            *swing_up_identities(spec, dynamics),
+        ),
         blocks=(
             sampled_law(spec, dynamics, constraint),
             prepared_values(spec),
+            *([follow] if follow else []),
             continuous_law(spec, dynamics, constraint),
             _acceleration(spec, dynamics),
             _energy(spec, dynamics),
@@ -87,6 +95,7 @@ def derive(spec: ModelSpec) -> Derivation:
             *_design_blocks(spec, dynamics, constraint, zeros),
             *hurwitz_blocks(spec, zeros, hurwitz),
             *linearisation_blocks(spec, dynamics, constraint),
+            *swing_up_blocks(spec, dynamics),
         ),
     )
 

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 from pfaffian.derive.emit.batch import emit_batch
 from pfaffian.derive.emit.build_files import emit_build_files
 from pfaffian.derive.emit.c import emit_c
+from pfaffian.derive.emit.control import control_constants, control_structures, emit_control
 from pfaffian.derive.emit.emitter import Emission, Emitter
+from pfaffian.derive.emit.follow import emit_follow
 from pfaffian.derive.emit.jacobian import emit_jacobian
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
 from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
 
-EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python)
+EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python, emit_control)
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,11 @@ class Generation:
 def generate(emission: Emission) -> Generation:
     """Emit every file of `emission`: code, readable derivation and manifest."""
     files: dict[str, str] = dict(emission.model.documents)
-    on_request = ((emission.jacobians, emit_jacobian), (emission.batch, emit_batch))
+    on_request = (
+        (emission.jacobians, emit_jacobian),
+        (emission.batch, emit_batch),
+        (emission.plans, emit_follow),
+    )
     for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
     files |= emit_build_files(emission, files)
@@ -41,6 +48,7 @@ def generate(emission: Emission) -> Generation:
 
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
     model, real = emission.model, emission.precision.real
+    controls = emission.controls if emission.precision is DOUBLE else ()
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -55,7 +63,9 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(model, real, emission.step, emission.prepare),
+        structures=structures_of(
+            model, real, emission.step, emission.prepare, follow=bool(emission.plans)
+        ),
         parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
@@ -65,4 +75,7 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         baked=emission.sets[0].name if emission.bake else "",
         files=digests,
         precision=emission.precision.name,
+        control_structures=control_structures(model) if controls else {},
+        control_sets={c.name: control_constants(emission, c) for c in controls},
+        plans=tuple(p.name for p in emission.plans),
     )

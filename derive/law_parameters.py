@@ -7,6 +7,7 @@ coordinate.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import sympy as sp
@@ -118,6 +119,44 @@ def law_parameters(
             opened=False,
             latex="\\underline{a}",
         ),
+    )
+
+
+@dataclass(frozen=True)
+class SwingUpGains:
+    """Values that a model gives the gains of its energy swing-up law, in SI units."""
+
+    position: float
+    rate: float
+    energy: float
+    damping: float
+
+
+def swing_up_parameters(coordinate_unit: str, gains: SwingUpGains) -> tuple[Parameter, ...]:
+    """Return kP, kD, kE and kV of the energy swing-up law, whose function V_L has no unit.
+
+    `coordinate_unit` is that of the coordinate the actuator acts on; `gains` are the defaults.
+    """
+    square = (coordinate_unit, -2)
+    rows = (
+        ("kP", unit_product(square), "weight of the position in V_L", gains.position),
+        ("kD", unit_product(("s", 2), square), "weight of the rate in V_L", gains.rate),
+        ("kE", "1/J^2", "weight of the energy in V_L", gains.energy),
+        ("kV", unit_product(("s", 1), square), "V_L falls by it times rate^2", gains.damping),
+    )
+    return tuple(
+        Parameter(
+            name,
+            unit,
+            f"swing-up: {text}",
+            "swing_up",
+            0.0,
+            1e9,
+            lower_open=True,
+            default=default,
+            latex=f"k_{name[1]}",
+        )
+        for name, unit, text, default in rows
     )
 
 

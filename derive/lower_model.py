@@ -10,6 +10,7 @@ from pfaffian.derive.elementary import render_context
 from pfaffian.derive.lowered import ActuatorInterface, CoordinateInterface, LoweredModel
 from pfaffian.derive.lowering import lower
 from pfaffian.derive.optimise.passes import optimise
+from pfaffian.derive.plant_digest import plant_digest
 from pfaffian.derive.program import program_to_json
 from pfaffian.derive.render import derivation_json, derivation_latex, derivation_markdown
 
@@ -30,6 +31,7 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
         actuators=tuple(ActuatorInterface(a.name, a.unit, a.description) for a in spec.actuators),
         parameters=spec.parameters,
         limits=tuple(limit.name for limit in spec.law.limits),
+        slews=tuple(slew.name for slew in spec.law.slews),
         programs=programs,
         passes=passes,
         documents=(
@@ -40,4 +42,5 @@ def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> L
         tools=tools,
         elementary=render_context(),
         sha256=hashlib.sha256(content.encode()).hexdigest(),
+        plant_sha256=plant_digest(derivation),
     )

@@ -46,8 +46,9 @@ class LoweredModel:
     """Programs, declarations and readable documents of one model; `sha256` identifies it.
 
     `passes` says what the optimiser did to the emitted programs. `limits` names the parameter that
-    limits each actuator. `elementary` holds the coefficients of the elementary functions, ready for
-    their templates.
+    limits each actuator, `slews` that which limits its rate of change, if any does. `elementary`
+    holds the coefficients of the elementary functions, ready for their templates. `plant_sha256`
+    identifies the equations of motion alone, as plans do.
     """
 
     name: str
@@ -57,12 +58,14 @@ class LoweredModel:
     actuators: tuple[ActuatorInterface, ...]
     parameters: tuple[Parameter, ...]
     limits: tuple[str, ...]
+    slews: tuple[str, ...]
     programs: tuple[Program, ...]
     passes: tuple[PassReport, ...]
     documents: tuple[tuple[str, str], ...]
     tools: tuple[tuple[str, str], ...]
     elementary: Mapping[str, Any]
     sha256: str
+    plant_sha256: str
 
     def program(self, name: str) -> Program:
         """Return the program called `name`; raise `KeyError` if the model has none."""
@@ -100,11 +103,13 @@ def lowered_from_json(text: str) -> LoweredModel:
         title=d["title"],
         source=d["source"],
         sha256=d["sha256"],
+        plant_sha256=d["plant_sha256"],
         elementary=d["elementary"],
         coordinates=tuple(CoordinateInterface(**c) for c in d["coordinates"]),
         actuators=tuple(ActuatorInterface(**a) for a in d["actuators"]),
         parameters=tuple(Parameter(**p) for p in d["parameters"]),
         limits=tuple(d["limits"]),
+        slews=tuple(d["slews"]),
         passes=tuple(PassReport(**p) for p in d["passes"]),
         programs=tuple(program_from_json(p) for p in d["programs"]),
         documents=tuple((k, v) for k, v in d["documents"]),

@@ -20,6 +20,7 @@ from pfaffian.derive.routh import (
     violated_rows,
     worded_margins,
 )
+from pfaffian.derive.swing_up_limit import PROGRAM, is_regular, largest_limit
 from pfaffian.runtime.errors import InputError
 
 #: Real poles proposed where a given set of gains is refused.
@@ -50,9 +51,10 @@ class ParameterSet:
 def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> ParameterSet:
     """Complete `raw` with lumped, synthesised and default values, and judge it.
 
-    Raises `InputError` for a missing parameter, a mass matrix that is not positive definite, a
-    setpoint that is no equilibrium or lies in the singular set, and unstable zero dynamics; the
-    last two only where it is to `judge`, since `design` shows the figures of any gains.
+    Raises `InputError` for a missing parameter, a mass matrix that is not positive definite, and a
+    setpoint that is no equilibrium; where it is to `judge` also for a setpoint in the singular
+    set, unstable zero dynamics and a swing-up law that is singular somewhere: `design` shows the
+    figures of any gains.
     """
     defaults = {p.name: p.default for p in model.parameters if p.default is not None}
     values = defaults | dict(raw.values)
@@ -70,6 +72,7 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
         _check_rest(model, raw, values)
         _check_zero_dynamics(model, raw, values)
         _check_setpoint_gain(model, raw, values)
+        _check_swing_up(model, raw, values)
     ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
     return ParameterSet(raw.name, raw.title, raw.source, ordered)
 
@@ -235,6 +238,29 @@ def _check_setpoint_gain(model: LoweredModel, raw: RawSet, values: Mapping[str, 
             f"below target.singular_threshold = {least:.4g}",
             remedy="choose gains with a larger input gain, or lower the threshold",
         )
+
+
+def _check_swing_up(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
+    """Refuse gains for which the denominator of the energy swing-up law has a zero somewhere."""
+    if not model.has_program(PROGRAM) or is_regular(model, values, values["kD"] / values["kE"]):
+        return
+    found = largest_limit(model, values)
+    unit = model.program(PROGRAM).outputs[0].unit
+    units = {p.name: p.unit for p in model.parameters}
+    ratio, least = values["kD"] / values["kE"], _just_above(found.most * values["kE"])
+    at = ", ".join(f"{n} = {v:.3g}" for n, v in found.at.items())
+    raise InputError(
+        f"{raw.path}: the swing-up law is singular in some state: kD/kE = {ratio:.6g} {unit} is "
+        f"{found.most - ratio:.4g} short of {found.most:.6g}, (V(goal) - V(q)) det M/N"
+        + (f" at {at}" if at else ""),
+        remedy=f'raise swing_up.kD to at least "{least:g} {units["kD"]}", or lower swing_up.kE',
+    )
+
+
+def _just_above(value: float) -> float:
+    """Return a number of four digits that exceeds a positive `value` by at least a thousandth."""
+    scale = 10.0 ** (math.floor(math.log10(value)) - 3) if 0.0 < value < math.inf else 1.0
+    return math.ceil(1.001 * value / scale) * scale
 
 
 def _check_rest(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:

@@ -24,6 +24,7 @@ TABLES = {
     "gain": "gains",
     "synthesised": "gains",
     "target": "target",
+    "swing_up": "swing_up",
 }
 #: Groups of which a set holds one or the other, and what the group that stands in for it is.
 _ALTERNATIVES = {"physical": "lumped", "lumped": "physical"}
@@ -36,7 +37,8 @@ class Parameter:
 
     Groups: `physical` (masses, lengths) or `lumped` (what they combine to), `plant` (needed in
     either form, such as g), `gain`, `synthesised` (gains that wanted poles may replace), `target`
-    (sample time, limits) and `uncertainty` (what only the simulated plant knows).
+    (sample time, limits), `swing_up` (gains of the energy law) and `uncertainty` (what only the
+    simulated plant knows).
     `lower_open` makes the lower bound strict. A parameter with a `default` may be left out.
     """
 

@@ -17,12 +17,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pfaffian.derive.control_set import ControlSet, control_paths, read_control
+from pfaffian.derive.emit.plan_table import PlanTable, plan_set, plan_table
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
 from pfaffian.derive.parameter_set import ParameterSet, resolve_set
 from pfaffian.derive.parameters import read_set
 from pfaffian.derive.program import Program, program_from_json, program_to_json
 from pfaffian.runtime.cache import cached, digest
+from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.derive.derivation import Derivation
@@ -39,6 +42,7 @@ _DERIVATION_CODE = (
     "sampled_law",
     "derivation",
     "dimensions",
+    "following_law",
     "functions",
     "hurwitz",
     "identities",
@@ -53,6 +57,8 @@ _DERIVATION_CODE = (
     "routh",
     "spec",
     "spec_check",
+    "swing_up",
+    "swing_up_limit",
     "zero_dynamics",
 )
 _LOWERING_CODE = (
@@ -72,6 +78,7 @@ _LOWERING_CODE = (
     "optimise/schedule",
     "optimise/signs",
     "optimise/tape",
+    "plant_digest",
     "render",
 )
 #: What derivatives depend on besides.
@@ -187,3 +194,42 @@ def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> Param
 def library_sets(model: LoweredModel, folder: ModelFolder) -> tuple[ParameterSet, ...]:
     """Return every parameter set that comes with the model, sorted by name."""
     return tuple(parameter_set(model, folder, path) for path in folder.sets().values())
+
+
+def library_controls(
+    model: LoweredModel,
+    folder: ModelFolder,
+    sets: tuple[ParameterSet, ...],
+    plans: tuple[PlanTable, ...],
+) -> tuple[ControlSet, ...]:
+    """Return the complete controllers that come with the model, of the parameter sets in `sets`."""
+    paths, names = control_paths(folder.path), tuple(p.name for p in plans)
+    return tuple(
+        read_control(paths[s.name], model, s.as_dict(), names) for s in sets if s.name in paths
+    )
+
+
+def plan_tables(
+    model: LoweredModel, folder: ModelFolder, sets: tuple[ParameterSet, ...], extra: Path | None
+) -> tuple[PlanTable, ...]:
+    """Return the plans that come with the model for these sets, and the one in `extra`.
+
+    A plan belongs to the set it names, or its file: where that is not generated, the model's own
+    plans are left out, and `extra` is refused with `InputError`. So is any that does not fit.
+    """
+    known = {s.name: s for s in sets}
+    paths = {p.stem: p for p in sorted((folder.path / "plans").glob("*.json")) if p.stem in known}
+    if extra is not None:
+        name = plan_set(extra)
+        if name not in known:
+            raise InputError(
+                f"{extra}: is a plan of set {name}, which is not generated",
+                remedy=f"generate it along: --set {name}",
+            )
+        paths[name] = extra
+    if paths and not model.has_program("follow"):
+        raise InputError(
+            f"model {model.name}: its drift depends on more than s, so no plan can be followed",
+            remedy="give a constraint whose drift is a function of s, or leave the plan out",
+        )
+    return tuple(plan_table(model, known[name], path) for name, path in sorted(paths.items()))

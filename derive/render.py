@@ -104,6 +104,7 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
             ),
         ),
         Section("Control law, (15)-(23)", _law(derivation, printer)),
+        *_swing_up(derivation, printer),
         Section(
             "Uncertainty decomposition, (9)-(12)",
             (
@@ -223,6 +224,32 @@ def _law(derivation: Derivation, printer: _Names) -> tuple[Equation, ...]:
             if row.text not in {r.text for r in rows}:
                 rows.append(row)
     return tuple(rows)
+
+
+def _swing_up(derivation: Derivation, printer: _Names) -> tuple[Section, ...]:
+    """Return the energy swing-up law as its named definitions, and what its gains must keep."""
+    if derivation.spec.swing_up is None:
+        return ()
+    rows = []
+    for d in derivation.block("swing_up").definitions:
+        shown = f"\\mathrm{{{d.symbol.name.replace('_', chr(92) + '_')}}}"
+        rows.append(
+            Equation(
+                d.description,
+                f"{shown} = {printer.doprint(d.expression)}",
+                f"{d.symbol.name} = {_text(d.expression)}",
+            )
+        )
+    gains, limit = derivation.spec.swing_up, derivation.block("swing_up_limit")
+    bound = limit.expanded(limit.results[0])
+    rows.append(
+        Equation(
+            "regular in every state if and only if, for all q",
+            f"{printer.doprint(gains.rate / gains.energy)} > {printer.doprint(bound)}",
+            f"{gains.rate / gains.energy} > {_text(bound)}",
+        )
+    )
+    return (Section("Energy swing-up", tuple(rows)),)
 
 
 def _text(value: sp.Basic) -> str:

@@ -6,6 +6,7 @@ one never does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -33,12 +34,15 @@ from sympy.codegen.cfunctions import expm1
 _NO_LENGTH = sp.Rational(1, 2**500)
 #: Keeps |e| and |e'| in Pi from 0 by 2^-60: their roots then need no special cases, and Pi a
 #: derivative everywhere. It is less than the rounding of Pi >= 2.
-_LEAST_SQUARE = sp.Rational(1, 2**120)
+LEAST_SQUARE = sp.Rational(1, 2**120)
 
 
 @dataclass(frozen=True)
 class _State:
-    """Symbols of the controller's memory: offsets and drifts (m,), engaged, ahat, prepared."""
+    """Symbols of the controller's memory: offsets and drifts (m,), engaged, ahat, prepared.
+
+    `previous` are the torques last commanded, (m,) with slew limits and none without.
+    """
 
     engaged: sp.Symbol
     offsets: tuple[sp.Symbol, ...]
@@ -46,6 +50,7 @@ class _State:
     bound: sp.Symbol
     decay: sp.Symbol
     step: sp.Symbol
+    previous: tuple[sp.Symbol, ...]
 
 
 @dataclass(frozen=True)
@@ -91,12 +96,22 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     holds, and beta still contracts, since no eigenvalue of N exceeds the trace. The leakage law is
     solved exactly with x held, so that sampled and continuous law share their equilibria.
     """
-    units, m = LawUnits(spec), len(spec.actuators)
     builder = BlockBuilder("step", f"{spec.title}: sampled control law, one period")
+    return complete_law(
+        builder, spec, lambda: define_shared(builder, spec, dynamics, constraint, LEAST_SQUARE)
+    )
+
+
+def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Shared]) -> Block:
+    """Return one period of the law for what `define` defines of a constraint, in `builder`.
+
+    Measurement, state and parameters are declared before `define` is called.
+    """
+    units, m = LawUnits(spec), len(spec.actuators)
     take_measurement(builder, spec)
-    state = _take_state(builder, units, m)
+    state = _take_state(builder, spec, units)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "target")
-    shared = define_shared(builder, spec, dynamics, constraint, _LEAST_SQUARE)
+    shared = define()
     moved = tuple(
         builder.define(
             name,
@@ -124,13 +139,14 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
         )
     )
     torque = _define_torque(builder, spec, units, shared, beta, state.bound)
-    saturated = _give_torque(builder, spec, units, shared, beta, torque)
-    _give_state(builder, units, state, shared, moved, torque, saturated)
+    commands, saturated = _limit_torque(builder, spec, torque.total, state.previous)
+    _give_output(builder, spec, shared, beta, torque, commands, saturated)
+    _give_state(builder, spec, state, shared, moved, torque, commands, saturated)
     return builder.build()
 
 
-def _take_state(builder: BlockBuilder, units: LawUnits, m: int) -> _State:
-    take = builder.take
+def _take_state(builder: BlockBuilder, spec: ModelSpec, units: LawUnits) -> _State:
+    take, m = builder.take, len(spec.actuators)
     return _State(
         take(real("engaged"), "", "1 once the law has been engaged", "state"),
         tuple(
@@ -144,6 +160,10 @@ def _take_state(builder: BlockBuilder, units: LawUnits, m: int) -> _State:
         take(real("bound_estimate"), units.force, "ahat, (15)", "state"),
         take(real("leakage_decay"), "", "e^(-k2 T)", "prepared"),
         take(real("adaptation_step"), "", "k1 (1 - e^(-k2 T))/k2", "prepared"),
+        tuple(
+            take(real(f"{a.name}_previous"), a.unit, f"{a.name} last commanded", "state")
+            for a, _ in zip(spec.actuators, spec.law.slews, strict=bool(spec.law.slews))
+        ),
     )
 
 
@@ -271,60 +291,85 @@ def _several_actuators(
     return p2, p3, shrink * length
 
 
-def _give_torque(
+def _limit_torque(
     builder: BlockBuilder,
     spec: ModelSpec,
-    units: LawUnits,
+    torques: tuple[sp.Symbol, ...],
+    previous: tuple[sp.Symbol, ...],
+) -> tuple[tuple[sp.Symbol, ...], sp.Basic]:
+    """Define what is commanded, (m,), and return it with the condition that a limit binds.
+
+    The slew limit comes first and the torque limit last, so that the command is within the latter
+    whatever the previous torque is; where that is no number, the slew limit asks for nothing.
+    """
+    law, define = spec.law, builder.define
+    slews = law.slews or (None,) * len(torques)
+    befores = previous or (None,) * len(torques)
+    names = zip(
+        per_actuator("torque_least", spec),
+        per_actuator("torque_most", spec),
+        per_actuator("torque_slewed", spec),
+        per_actuator("command", spec),
+        (a.unit for a in spec.actuators),
+        strict=True,
+    )
+    commands: list[sp.Symbol] = []
+    binding: list[sp.Basic] = []
+    for (least, most, slewed, command, unit), torque, limit, slew, before in zip(
+        names, torques, law.limits, slews, befores, strict=True
+    ):
+        near = torque
+        if slew is not None:
+            reach = law.sample_time * slew
+            low = define(least, before - reach, "least torque that the slew limit allows", unit)
+            high = define(most, before + reach, "largest torque that the slew limit allows", unit)
+            choice = sp.Piecewise((low, torque < low), (high, torque > high), (torque, True))
+            near = define(slewed, choice, "torque within the slew limit", unit)
+            binding += [torque < low, torque > high]
+        over = sp.Abs(near) > limit
+        binding.append(over)
+        value = sp.Piecewise((side(near) * limit, over), (near, True))
+        commands.append(define(command, value, "saturated torque", unit))
+    return tuple(commands), sp.Or(*binding) if len(binding) > 1 else binding[0]
+
+
+def _give_output(
+    builder: BlockBuilder,
+    spec: ModelSpec,
     shared: Shared,
     beta: tuple[sp.Symbol, ...],
     torque: _Torque,
-) -> sp.Basic:
-    """Let the saturated torques and the flags leave; return the condition of saturation."""
-    law, m = spec.law, len(spec.actuators)
-    beyond = [sp.Abs(t) > limit for t, limit in zip(torque.total, law.limits, strict=True)]
-    for name, actuator, total, limit, over in zip(
-        per_actuator("command", spec),
-        spec.actuators,
-        torque.total,
-        law.limits,
-        beyond,
-        strict=True,
-    ):
-        command = builder.define(
-            name,
-            sp.Piecewise((side(total) * limit, over), (total, True)),
-            "saturated torque",
-            actuator.unit,
-        )
-        builder.give(actuator.name, command, actuator.unit, "torque, (16), within its limit")
-    saturated = sp.Or(*beyond) if m > 1 else beyond[0]
+    commands: tuple[sp.Symbol, ...],
+    saturated: sp.Basic,
+) -> None:
+    """Let the commands, the parts of the torque and the flags leave."""
+    for actuator, command in zip(spec.actuators, commands, strict=True):
+        within = "within its limits" if spec.law.slews else "within its limit"
+        builder.give(actuator.name, command, actuator.unit, f"torque, (16), {within}")
     give_parts(builder, spec, shared, beta, torque.parts)
     builder.give(
         "saturated", sp.Piecewise((1, saturated), (0, True)), "", "torque at its limit", "flag"
     )
+    near = shared.adb_det**2 < spec.law.singular_threshold**2
     builder.give(
-        "near_singular",
-        sp.Piecewise((1, shared.adb_det**2 < law.singular_threshold**2), (0, True)),
-        "",
-        "|ADB| below its least",
-        "flag",
+        "near_singular", sp.Piecewise((1, near), (0, True)), "", "|ADB| below its least", "flag"
     )
-    return saturated
 
 
 def _give_state(
     builder: BlockBuilder,
-    units: LawUnits,
+    spec: ModelSpec,
     state: _State,
     shared: Shared,
     moved: tuple[sp.Symbol, ...],
     torque: _Torque,
+    commands: tuple[sp.Symbol, ...],
     saturated: sp.Basic,
 ) -> None:
     """Let the next state leave. While the torque saturates, integral and adaptation would wind up:
     both are held.
     """
-    m = len(moved)
+    units, m = LawUnits(spec), len(moved)
     for name, before, after, unit in zip(
         numbered("constraint_offset", m), state.offsets, moved, units.residuals, strict=True
     ):
@@ -342,3 +387,7 @@ def _give_state(
         "ahat, (15)",
         "next_state",
     )
+    for before, command, a in zip(
+        state.previous, commands, spec.actuators, strict=bool(state.previous)
+    ):
+        builder.give(before.name, command, a.unit, f"{a.name} commanded", "next_state")

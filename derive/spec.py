@@ -76,7 +76,10 @@ class ServoConstraint:
 
 @dataclass(frozen=True)
 class RobustLaw:
-    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat."""
+    """The gains of (15)-(23): p2 = -kappa bhat, the layer eps of p3, the leakage law of ahat.
+
+    `limits` bound each torque, `slews`, where there are any, its rate of change: one an actuator.
+    """
 
     kappa: sp.Symbol
     epsilon: sp.Symbol
@@ -86,6 +89,21 @@ class RobustLaw:
     sample_time: sp.Symbol
     limits: tuple[sp.Symbol, ...]
     singular_threshold: sp.Symbol
+    slews: tuple[sp.Symbol, ...] = ()
+
+
+@dataclass(frozen=True)
+class SwingUp:
+    """The gains of the energy swing-up law, in V_L = kE E~^2/2 + kD q_a'^2/2 + kP q_a~^2/2.
+
+    E~ is the energy missing to the setpoint at rest, q_a the one coordinate that the one actuator
+    acts on; V_L falls at the rate `damping` q_a'^2.
+    """
+
+    position: sp.Symbol
+    rate: sp.Symbol
+    energy: sp.Symbol
+    damping: sp.Symbol
 
 
 @dataclass(frozen=True)
@@ -102,7 +120,8 @@ class ModelSpec:
 
     Energies are written in physical parameters; `lumping` names the combinations the dynamics are
     rewritten in, and `eliminated` the physical symbols that those relations are solved for.
-    `uncertain_force` is F(q, q') of (1); it stands on the left-hand side.
+    `uncertain_force` is F(q, q') of (1); it stands on the left-hand side. `swing_up` names the
+    gains of the energy swing-up law, where the model has one.
     """
 
     name: str
@@ -120,6 +139,7 @@ class ModelSpec:
     lumping: tuple[tuple[sp.Symbol, sp.Expr], ...] = ()
     eliminated: tuple[sp.Symbol, ...] = ()
     stability: tuple[StabilityCondition, ...] = ()
+    swing_up: SwingUp | None = None
 
     @property
     def positions(self) -> tuple[sp.Symbol, ...]:
@@ -157,10 +177,18 @@ def symbols_of(parameters: Iterable[Parameter]) -> SimpleNamespace:
     return SimpleNamespace(**{p.name: symbol_of(p) for p in parameters})
 
 
-def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
+def standard_swing_up(p: SimpleNamespace) -> SwingUp:
+    """Return the swing-up law whose gains have the names every model of this package uses."""
+    return SwingUp(position=p.kP, rate=p.kD, energy=p.kE, damping=p.kV)
+
+
+def standard_law(
+    p: SimpleNamespace, *limits: sp.Symbol, slews: tuple[sp.Symbol, ...] = ()
+) -> RobustLaw:
     """Return the law whose gains have the names every model of this package uses.
 
-    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator.
+    `p` is the namespace of `symbols_of`; `limits` are the largest torques, one an actuator, and
+    `slews` their largest rates of change, one an actuator or none at all.
     """
     return RobustLaw(
         kappa=p.kappa,
@@ -171,4 +199,5 @@ def standard_law(p: SimpleNamespace, *limits: sp.Symbol) -> RobustLaw:
         sample_time=p.sample_time,
         limits=limits,
         singular_threshold=p.singular_threshold,
+        slews=slews,
     )

@@ -28,12 +28,13 @@ _CONSTANT = ("parameter", "prepared")
 _HAND_PARAMETERS = (
     *("theta1", "theta2", "theta3", "theta4", "theta5", "g", "lam", "lam1", "lam2", "sigma"),
     *("eta", "kappa", "epsilon", "q1d", "q2d", "sample_time", "torque_limit"),
+    "slew_limit",
     *("singular_threshold", "leakage_decay", "adaptation_step"),
 )
 #: Members of `hand_output_t`.
 _HAND_OUTPUT = ("tau", "p1", "p2", "p3", "s", "beta", "adb")
 #: Members of `hand_state_t` that are compared.
-_HAND_STATE = ("constraint_offset", "drift_previous", "bound_estimate")
+_HAND_STATE = ("constraint_offset", "drift_previous", "bound_estimate", "tau_previous")
 #: How the step of a tool over arrays is called.
 SIGNATURE = "const double *given, const double *constant, double *result"
 

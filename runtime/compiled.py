@@ -96,6 +96,19 @@ class CompiledModel:
         )
         return self.module.ContinuousOutput(**made["continuous_output"])
 
+    def swing_up(self, params: Any, measured: Any) -> tuple[Any, Array]:
+        """Return (output, status) of the energy swing-up law, where the model has one."""
+        kind = self.module.SwingUpOutput
+        made, status = self._run(
+            lambda r, plain: self.host.swing_up(
+                r["params"], r["input"], r["swing_up_output"], plain
+            ),
+            {"params": params, "input": measured},
+            {"swing_up_output": _field_names(kind)},
+            np.dtype(np.int32),
+        )
+        return kind(**made["swing_up_output"]), status
+
     def acceleration(self, params: Any, state: Any, applied: Any) -> Any:
         """Return the accelerations of the plant under the torques in `applied`."""
         made, _ = self._run(

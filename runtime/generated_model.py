@@ -15,7 +15,7 @@ from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.machine import EmulatedMachine, HostMachine, Machine
-from pfaffian.runtime.manifest import MANIFEST_NAME, ROLES, Manifest, read_manifest
+from pfaffian.runtime.manifest import MANIFEST_NAME, OPTIONAL_ROLES, ROLES, Manifest, read_manifest
 from pfaffian.runtime.toolchain import (
     Target,
     compile_image,
@@ -90,8 +90,9 @@ class GeneratedModel:
         """Check that the image on `machine` agrees with the manifest, byte order and sizes."""
         self.folder, self.machine = folder, machine
         structures = folder.manifest.structures
-        self._native = {role: layout_of(structures[role]) for role in ROLES}
-        self._there = {role: layout_of(structures[role], machine.byte_order) for role in ROLES}
+        roles = {r: k for k, r in enumerate((*ROLES, *OPTIONAL_ROLES)) if r in structures}
+        self._native = {role: layout_of(structures[role]) for role in roles}
+        self._there = {role: layout_of(structures[role], machine.byte_order) for role in roles}
         fault = machine.call("pf_target_check")
         if fault:
             raise CheckError(
@@ -99,7 +100,7 @@ class GeneratedModel:
                 f"(fault {fault:#x})",
                 remedy="use IEEE arithmetic, round to nearest, subnormals kept",
             )
-        for number, role in enumerate(ROLES):
+        for role, number in roles.items():
             size = machine.call("pf_sizeof", number)
             if size != self._there[role].itemsize:
                 raise CheckError(
@@ -176,6 +177,43 @@ class GeneratedModel:
             (status, "i4", True),
         )
 
+    def follow(
+        self,
+        state: Records,
+        params: Records,
+        measured: Records,
+        reference: Records,
+        output: Records,
+        status: Records,
+    ) -> None:
+        """Advance the sampled law along a reference by one period; the model must have a plan."""
+        self._call(
+            "pf_batch_follow",
+            len(state),
+            (state, "state", True),
+            (params, "params", False),
+            (measured, "input", False),
+            (reference, "reference", False),
+            (output, "output", True),
+            (status, "i4", True),
+        )
+
+    def plan_at(self, name: str, time: Records, reference: Records) -> None:
+        """Write the reference of the plan of set `name` at each of `time` in s, of shape (k,)."""
+        plans = self.folder.manifest.plans
+        if name not in plans:
+            raise InputError(
+                f"{self.folder.path}: has no plan of set {name}",
+                remedy=suggestion(name, sorted(plans)),
+            )
+        self._call(
+            "pf_batch_plan_at",
+            len(time),
+            (time, self.folder.manifest.real, False),
+            (reference, "reference", True),
+            plans.index(name),
+        )
+
     def continuous(
         self, state: Records, params: Records, measured: Records, output: Records
     ) -> None:
@@ -187,6 +225,24 @@ class GeneratedModel:
             (params, "params", False),
             (measured, "input", False),
             (output, "continuous_output", True),
+        )
+
+    def swing_up(
+        self, params: Records, measured: Records, output: Records, status: Records
+    ) -> None:
+        """Evaluate the energy swing-up law; raise `InputError` where the model has none."""
+        if "swing_up_output" not in self._native:
+            raise InputError(
+                f"{self.folder.manifest.model} has no energy swing-up law",
+                remedy="declare one in its specification, then generate it again",
+            )
+        self._call(
+            "pf_batch_swing_up",
+            len(params),
+            (params, "params", False),
+            (measured, "input", False),
+            (output, "swing_up_output", True),
+            (status, "i4", True),
         )
 
     def acceleration(

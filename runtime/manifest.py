@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pfaffian.runtime.errors import InputError
 
@@ -25,6 +26,8 @@ ROLES = (
     "plant_input",
     "plant_rate",
 )
+#: Roles of structures that only some models have, numbered on from `ROLES`.
+OPTIONAL_ROLES = ("swing_up_output", "reference")
 #: C types of structure members, by the NumPy type of their bytes.
 MEMBER_TYPES = {"double": "f8", "float": "f4", "uint32_t": "u4"}
 #: The NumPy type of a real number by the precision of the C code.
@@ -57,7 +60,10 @@ class Structure:
 class Manifest:
     """What one generation consists of; written by the emitter, read by the runtime.
 
-    `baked` names the parameter set that is folded into the step; it is empty where none is.
+    `baked` names the parameter set that is folded into the step; it is empty where none is. `plans`
+    names the parameter sets whose planned motion is there, in the order of the harness.
+    `control_structures` are those of the complete controller, by role, some members structures
+    themselves; `control_sets` its constants by parameter set. Both are empty where there is none.
     """
 
     abi: int
@@ -80,6 +86,9 @@ class Manifest:
     baked: str
     files: Mapping[str, str]
     precision: str = "double"
+    control_structures: Mapping[str, Structure] = field(default_factory=dict)
+    control_sets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    plans: tuple[str, ...] = ()
 
     @property
     def real(self) -> str:
@@ -88,7 +97,10 @@ class Manifest:
 
     def to_json(self) -> str:
         """Return the manifest as JSON; floats are written so that they read back to the bit."""
-        return json.dumps(asdict(self), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+        document = asdict(self)
+        if not self.plans:
+            del document["plans"]
+        return json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -99,13 +111,12 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST_NAME
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        structures = {
-            key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
-            for key, s in document.pop("structures").items()
-        }
+        structures = _structures(document.pop("structures"))
+        document["control_structures"] = _structures(document.get("control_structures", {}))
         document["parameters"] = tuple(Field(**f) for f in document["parameters"])
         for key in ("coordinates", "actuators", "limits", "status"):
             document[key] = tuple(document[key])
+        document["plans"] = tuple(document.get("plans", ()))
         manifest = Manifest(structures=structures, **document)
         _check_structures(structures)
         if manifest.precision not in REAL_TYPES:
@@ -125,6 +136,13 @@ def read_manifest(folder: Path) -> Manifest:
             remedy="regenerate the model",
         )
     return manifest
+
+
+def _structures(document: Mapping[str, Any]) -> dict[str, Structure]:
+    return {
+        key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
+        for key, s in document.items()
+    }
 
 
 def _check_structures(structures: Mapping[str, Structure]) -> None:

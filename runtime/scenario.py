@@ -15,7 +15,7 @@ from pfaffian.runtime.generated_model import GeneratedFolder, open_generated
 from pfaffian.runtime.manifest import Structure
 from pfaffian.runtime.quantity import parse_quantity
 
-_TABLES = ("initial", "controller", "plant")
+_TABLES = ("initial", "controller", "plant", "twin")
 _TOP = ("title", "source", "model", "set", "duration", "plant_substeps", "in_report", *_TABLES)
 _MAX_STEPS = 10_000_000
 #: Points of the grid on which the mass matrix is judged.
@@ -51,9 +51,21 @@ class Scenario:
 
 
 def scenario_paths() -> dict[str, Path]:
-    """Return the scenarios that come with this package, by name."""
+    """Return the scenarios that come with this package, by name; those on the twin come last."""
     root = Path(str(files("pfaffian.runtime"))) / "scenarios"
-    return {p.stem: p for p in sorted(root.glob("*.toml"))}
+    return {p.stem: p for p in (*sorted(root.glob("*.toml")), *sorted(root.glob("twin/*.toml")))}
+
+
+def find_scenario(reference: str) -> Path:
+    """Return the file of the scenario called `reference`, or `reference` as a path.
+
+    Raises `InputError` where there is neither.
+    """
+    known = scenario_paths()
+    path = known.get(reference, Path(reference))
+    if reference not in known and not path.is_file():
+        raise InputError(f"unknown scenario {reference}", remedy=suggestion(reference, list(known)))
+    return path
 
 
 def report_scenarios(model: str) -> list[str]:
@@ -80,11 +92,23 @@ def read_scenario(
     `InputError` for an unknown scenario, model, set or key, a wrong unit, and a start inside the
     singular set or cut off from the setpoint by it.
     """
-    known = scenario_paths()
-    path = known.get(reference, Path(reference))
-    if reference not in known and not path.is_file():
-        raise InputError(f"unknown scenario {reference}", remedy=suggestion(reference, list(known)))
-    document = read_toml(path)
+    path = find_scenario(reference)
+    return scenario_of(read_toml(path), path, generated, set_name)
+
+
+def scenario_of(
+    document: Mapping[str, object],
+    path: Path,
+    generated: Path | None = None,
+    set_name: str | None = None,
+    *,
+    start: bool = True,
+) -> Scenario:
+    """Return the flight in `document`, which stands in `path`: see `read_scenario`.
+
+    Its table [twin] is left to `pfaffian.runtime.twin`. With `start` false the start may lie
+    anywhere: the controller does more than balancing.
+    """
     _check_keys(document, path)
     folder = open_generated(str(generated or _text(document, "model", path)))
     set_name = set_name or _text(document, "set", path)
@@ -109,10 +133,15 @@ def read_scenario(
         setpoint=_setpoint(folder, controller),
         in_report=document.get("in_report", False) is True,
     )
-    _check_domain(scenario, path)
-    _check_plant(scenario, path)
-    _check_start(scenario, path)
+    _judge(scenario, path, start)
     return scenario
+
+
+def _judge(scenario: Scenario, path: Path, start: bool) -> None:
+    _check_domain(scenario, path)
+    check_plant(scenario, path)
+    if start:
+        _check_start(scenario, path)
 
 
 def _check_keys(document: Mapping[str, object], path: Path) -> None:
@@ -209,8 +238,11 @@ def _check_domain(scenario: Scenario, path: Path) -> None:
             )
 
 
-def _check_plant(scenario: Scenario, path: Path) -> None:
-    """Read the plant's mass matrix out of its kinetic energy: it must be positive definite."""
+def check_plant(scenario: Scenario, path: Path, where: str = "plant") -> None:
+    """Read the plant's mass matrix out of its kinetic energy: it must be positive definite.
+
+    Raises `InputError` naming `path` and the table `where`.
+    """
     module, names = scenario.folder.python_module(), scenario.folder.manifest.coordinates
     plant = module.PlantParams(**scenario.plant)
     steps = min(24, max(4, round(_MOST_POINTS ** (1.0 / len(names)))))
@@ -228,7 +260,7 @@ def _check_plant(scenario: Scenario, path: Path) -> None:
     least = float(np.linalg.eigvalsh(np.moveaxis(mass, (0, 1), (-2, -1))).min())
     if not least > 0.0:
         raise InputError(
-            f"{path}: plant: the mass matrix is not positive definite (least eigenvalue "
+            f"{path}: {where}: the mass matrix is not positive definite (least eigenvalue "
             f"{least:.3g} kg m^2)",
             remedy="check the inertias: no rigid mechanism has this mass matrix",
         )

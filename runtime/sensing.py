@@ -13,33 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pfaffian.runtime.c_layout import ESTIMATORS as ESTIMATORS
+from pfaffian.runtime.c_layout import SENSING
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
 from pfaffian.runtime.toolchain import compile_image, host_target, ppc750_target
 
 Array = np.ndarray[Any, Any]
 
-#: Estimators by name, with their number in `pf_sensing_estimator_t`.
-ESTIMATORS = {"tracking": 0, "difference": 1}
 #: Statuses by their number in `pf_sensing_status_t`.
 STATUSES = ("ok", "missing", "jump", "stale", "bad parameter")
 OK, MISSING, JUMP, STALE, BAD_PARAMETER = range(len(STATUSES))
-
-# Members in the order of pf_sensing.h, the native byte order put in later.
-_PARAMS = (
-    *((n, "f8") for n in ("counts_per_turn", "offset", "sample_time", "bandwidth", "damping")),
-    *((n, "u4") for n in ("estimator", "counter_bits", "counter_zero", "largest_jump")),
-    *(("longest_gap", "u4"), ("direction", "i4")),
-)
-_INPUT = (("raw", "u4"), ("valid", "u4"))
-_STATE = (
-    *((n, "f8") for n in ("error", "velocity", "radians_per_count", "offset", "sample_time")),
-    *(("error_kept", "f8"), ("velocity_gain", "f8"), ("count", "i8")),
-    *((n, "u4") for n in ("raw", "mask", "counter_zero", "largest_jump", "longest_gap")),
-    *((n, "u4") for n in ("missed", "ready", "started")),
-)
-_OUTPUT = (("angle", "f8"), ("velocity", "f8"), ("count", "i8"))
-_ROLES = {"params": _PARAMS, "input": _INPUT, "state": _STATE, "output": _OUTPUT}
 
 
 @dataclass(frozen=True)
@@ -108,7 +92,7 @@ class SensingModule:
     def __init__(self, machine: Machine) -> None:
         """Check that the structures in the image on `machine` are those of this module."""
         self.machine = machine
-        for number, role in enumerate(_ROLES):
+        for number, role in enumerate(SENSING):
             there, here = machine.call("pf_sensing_sizeof", number), self._type(role).itemsize
             if there != here:
                 raise CheckError(
@@ -119,7 +103,7 @@ class SensingModule:
 
     def _type(self, role: str) -> np.dtype[np.void]:
         order = self.machine.byte_order
-        return np.dtype([(name, order + kind) for name, kind in _ROLES[role]], align=True)
+        return np.dtype([(name, order + kind) for name, kind in SENSING[role]], align=True)
 
     def init(self, channels: Sequence[SensingParameters]) -> Array:
         """Return the states of `channels`; raise `InputError` where the C refuses one."""
@@ -159,7 +143,7 @@ class SensingModule:
         self.machine.call(
             "pf_sensing_batch_step", len(state), len(raw), state, given, output, status
         )
-        native = [output[n].astype(k) for n, k in _OUTPUT]
+        native = [output[n].astype(k) for n, k in SENSING["output"]]
         return Sensed(native[0], native[1], native[2], status.astype(np.int32))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,29 @@ def _defaults(folder: GeneratedFolder) -> dict[str, float]:
 def _limits(folder: GeneratedFolder) -> list[tuple[str, str]]:
     """Return each actuator with the parameter that limits it."""
     return list(zip(folder.manifest.actuators, folder.manifest.limits, strict=True))
+
+
+def _saturated(
+    folder: GeneratedFolder,
+    output: Mapping[str, Array] | Records,
+    params: Mapping[str, Array] | Records,
+    code: Array,
+) -> Array:
+    """Return whether a limit binds, bool (N,); the status says it but where NEAR_SINGULAR hides it.
+
+    There the torque at its limit tells, and one that its three parts do not add up to.
+    """
+    manifest = folder.manifest
+    found = np.any([np.abs(output[a]) >= params[p] for a, p in _limits(folder)], axis=0)
+    if f"{manifest.actuators[0]}_previous" not in manifest.structures["state"].names():
+        return np.asarray(found)
+    found |= code == manifest.status.index("SATURATED")
+    for actuator in manifest.actuators:
+        ending = f"_{actuator}" if len(manifest.actuators) > 1 else ""
+        parts = np.array([output[f"p{k}{ending}"] for k in (1, 2, 3)])
+        rounding = 8.0 * np.finfo(parts.dtype).eps * np.abs(parts).sum(axis=0)
+        found |= np.abs(output[actuator] - parts.sum(axis=0)) > rounding
+    return np.asarray(found)
 
 
 class MachineSubject:
@@ -43,19 +66,28 @@ class MachineSubject:
         return records
 
     def _step(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        return self._law(values, count, ())
+
+    def _follow(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        return self._law(values, count, ("reference",))
+
+    def _law(
+        self, values: Mapping[str, Array], count: int, more: tuple[str, ...]
+    ) -> dict[str, Array]:
+        """Run one period of a law; `more` are the roles it reads besides the measurement."""
         state, params = self.model.records("state", count), self._filled("params", values, count)
         self.model.init(state, params, np.zeros(count, np.int32))  # what the step takes prepared
         for name in state.dtype.names or ():
             state[name] = values.get(name, state[name])
         output, status = self.model.records("output", count), np.zeros(count, np.int32)
-        self.model.step(state, params, self._filled("input", values, count), output, status)
+        read = [self._filled(role, values, count) for role in ("input", *more)]
+        run: Callable[..., None] = self.model.follow if more else self.model.step
+        run(state, params, *read, output, status)
         codes = self.model.folder.manifest.status
         return {
             **_columns(output),
             **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": np.any(
-                [np.abs(output[a]) >= params[p] for a, p in _limits(self.model.folder)], axis=0
-            ).astype(float),
+            "saturated": _saturated(self.model.folder, output, params, status).astype(float),
             "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
         }
 
@@ -71,6 +103,12 @@ class MachineSubject:
         )
         self.model.continuous(state, params, measured, output)
         return _columns(output)
+
+    def _swing_up(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+        output, status = self.model.records("swing_up_output", count), np.zeros(count, np.int32)
+        params, measured = (self._filled(r, values, count) for r in ("params", "input"))
+        self.model.swing_up(params, measured, output, status)
+        return {**_columns(output), **_flags(status, self.model.folder.manifest.status)}
 
     def _acceleration(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         rate = self.model.records("plant_rate", count)
@@ -109,21 +147,22 @@ class PythonSubject:
         return kind(**{n: known.get(n, 0.0) for n in structure.names()})
 
     def _step(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        return self._law(values, self._module.step, ())
+
+    def _follow(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        return self._law(values, self._module.follow, ("reference",))
+
+    def _law(self, values: Mapping[str, Array], run: Any, more: tuple[str, ...]) -> dict[str, Any]:
         params = self._filled("params", values)
         prepared, _ = self._module.init(params)
         for name in vars(prepared):
             setattr(prepared, name, values.get(name, getattr(prepared, name)))
-        state, output, status = self._module.step(prepared, params, self._filled("input", values))
+        read = [self._filled(role, values) for role in ("input", *more)]
+        state, output, status = run(prepared, params, *read)
         return {
             **vars(output),
             **{n: v for n, v in vars(state).items() if n != "engaged"},
-            "saturated": np.any(
-                [
-                    np.abs(getattr(output, a)) >= getattr(params, p)
-                    for a, p in _limits(self._folder)
-                ],
-                axis=0,
-            ),
+            "saturated": _saturated(self._folder, vars(output), vars(params), status),
             "near_singular": status == self._module.NEAR_SINGULAR,
         }
 
@@ -133,6 +172,11 @@ class PythonSubject:
     def _continuous(self, values: Mapping[str, Array]) -> dict[str, Any]:
         roles = ("continuous_state", "params", "input")
         return dict(vars(self._module.continuous(*(self._filled(r, values) for r in roles))))
+
+    def _swing_up(self, values: Mapping[str, Array]) -> dict[str, Any]:
+        arguments = (self._filled(r, values) for r in ("params", "input"))
+        output, status = self._module.swing_up(*arguments)
+        return {**vars(output), **_flags(status, self._folder.manifest.status)}
 
     def _acceleration(self, values: Mapping[str, Array]) -> dict[str, Any]:
         roles = ("plant_params", "plant_state", "plant_input")
@@ -145,3 +189,11 @@ class PythonSubject:
 
 def _columns(records: Records) -> dict[str, Array]:
     return {n: records[n].astype(float) for n in records.dtype.names or ()}
+
+
+def _flags(status: Array, codes: Sequence[str]) -> dict[str, Array]:
+    """Return as numbers which samples have the status that each flag of a law stands for."""
+    return {
+        flag: (status == codes.index(flag.upper())).astype(float)
+        for flag in ("saturated", "near_singular")
+    }

@@ -218,11 +218,32 @@ def controller_sources(folder: Path, manifest: Manifest) -> list[Path]:
 def harness_sources(folder: Path, manifest: Manifest) -> list[Path]:
     """Return the C files of the model with the generic harness."""
     c, name = folder / "c", manifest.model
+    parts = ("continuous", "plant", "params", *(("follow", "plan") if manifest.plans else ()))
     harness = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
+    optional = ("swing_up",) if "swing_up_output" in manifest.structures else ()
     return [
         *controller_sources(folder, manifest),
-        *(c / f"{name}_{part}.c" for part in ("continuous", "plant", "params")),
+        *(c / f"{name}_{part}.c" for part in (*parts, *optional)),
         harness,
+    ]
+
+
+def runtime_c() -> Path:
+    """Return the folder of the C runtime."""
+    return Path(str(files("pfaffian.runtime").joinpath("c")))
+
+
+def control_sources(folder: Path, manifest: Manifest) -> list[Path]:
+    """Return the C files of a complete controller, runtime included, without any harness."""
+    c, name = folder / "c", manifest.model
+    optional = [c / f"{name}_{part}.c" for part in ("swing_up", "follow", "plan")]
+    return [
+        *controller_sources(folder, manifest),
+        *(path for path in optional if f"c/{path.name}" in manifest.files),
+        c / f"{name}_control.c",
+        c / f"{name}_control_params.c",
+        c / f"{name}_params.c",
+        *(runtime_c() / f"pf_{module}.c" for module in ("sensing", "supervisor")),
     ]
 
 

@@ -103,3 +103,15 @@ def params(workspace: Path) -> Callable[[str], Path]:
         return Path(path.name)
 
     return write
+
+
+@pytest.fixture
+def written(workspace: Path) -> Callable[[str], str]:
+    """Return a function that writes a scenario, `flight.toml`, and returns its path."""
+
+    def write(text: str) -> str:
+        path = workspace / "flight.toml"
+        path.write_text(text, encoding="utf-8")
+        return str(path)
+
+    return write

@@ -75,13 +75,14 @@ def test_benchmark_has_the_keys_of_the_contract_and_its_counts_repeat(run):
 
 
 def test_every_tool_gives_the_same_law_in_every_branch_of_it():
-    """The states reach saturation, a first step, both sides of the layer, and ADB near zero."""
+    """The states reach both limits, a first step, both sides of the layer, and ADB near zero."""
     seen = set()
-    for threshold, bound in ((1.0, 1.0), (1.0, 30.0), (40.0, 1.0)):
+    for threshold, bound, slew in ((1.0, 1.0, 400.0), (1.0, 30.0, 1e8), (40.0, 1.0, 400.0)):
         states = states_of(200, bound)
-        where = constant_names(BLOCK).index("singular_threshold")
-        states.constants[where] = threshold
-        controller = CONTROLLER | {"singular_threshold": threshold}
+        changed = {"singular_threshold": threshold, "slew_limit": slew}
+        for name, value in changed.items():
+            states.constants[constant_names(BLOCK).index(name)] = value
+        controller = CONTROLLER | changed
         results = {
             n: on_host(make(BLOCK, SCENARIO.folder, controller), states).results()
             for n, make in PEERS.items()
@@ -90,10 +91,13 @@ def test_every_tool_gives_the_same_law_in_every_branch_of_it():
         ours = results["ours"]
         seen |= {("first step", e) for e in states.column("engaged") == 0.0}
         seen |= {("saturated", s) for s in np.abs(ours["tau"]) == controller["torque_limit"]}
+        moved = np.abs(ours["tau"] - states.column("tau_previous"))
+        reach = controller["sample_time"] * slew
+        seen |= {("slewing", m) for m in np.isclose(moved, reach, rtol=1e-12)}
         seen |= {("near singular", n) for n in np.abs(ours["adb"]) < threshold}
         effort = states.column("bound_estimate")[:, None] * regressor(states)[:, None]
         seen |= {("outside", o) for o in np.isclose(np.abs(ours["p3"]), effort[:, 0], rtol=1e-12)}
-    wanted = ("first step", "saturated", "near singular", "outside")
+    wanted = ("first step", "saturated", "slewing", "near singular", "outside")
     assert seen == {(w, b) for w in wanted for b in (False, True)}
 
 

@@ -43,12 +43,15 @@ def sensible(folder, rng, count):
     state["engaged"] = rng.integers(0, 2, count)
     state["constraint_offset"], state["drift_previous"] = rng.normal(0.0, 2.0, (2, count))
     state["bound_estimate"] = np.abs(rng.normal(0.0, 0.5, count))
+    if "tau_previous" in state.dtype.names:
+        state["tau_previous"] = rng.uniform(-1.1, 1.1, count) * params["torque_limit"]
     return state, params, measured
 
 
 def prepared_members(folder):
     """Return the members of the state that depend on the parameters alone."""
-    remembered = ("engaged", "constraint_offset", "drift_previous", "bound_estimate")
+    signals = ("constraint_offset", "drift_previous", "bound_estimate", "tau_previous")
+    remembered = ("engaged", *signals)
     return [n for n in folder.manifest.structures["state"].names() if n not in remembered]
 
 
@@ -138,7 +141,7 @@ PREPARED = prepared_members(FOLDER)
 
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
-    remembered=st.tuples(st.integers(0, 2**32 - 1), *[NUMBERS] * 3),
+    remembered=st.tuples(st.integers(0, 2**32 - 1), *[NUMBERS] * 4),
     corrupted=st.dictionaries(st.sampled_from(PREPARED), NUMBERS, max_size=4),
     changes=st.dictionaries(st.sampled_from(sorted(SETS["sim"])), NUMBERS, max_size=4),
     measured=st.tuples(*[NUMBERS] * 4),
@@ -210,7 +213,7 @@ def test_an_infinite_torque_limit_is_refused_by_init_and_leaves_the_torque_finit
     for name in before.dtype.names[1:]:
         before[name] *= rng.choice([1.0, 1e100, 1e200, 1e300], 20_000)
     after, output, status = stepped(host, before, params, measured)
-    assert set(status) == {OK, NEAR_SINGULAR, NUMERIC}
+    assert set(status) == {OK, SATURATED, NEAR_SINGULAR, NUMERIC}  # the slew limit still binds
     assert_safe(before, params, after, output, status)
 
 
@@ -329,6 +332,7 @@ def test_saturation_holds_integral_and_adaptation_and_gives_the_limit(host):
     state, params, measured = sensible(FOLDER, rng, 20_000)
     state["engaged"] = 1
     params["torque_limit"] = np.exp(rng.uniform(-12.0, 9.0, 20_000))
+    params["slew_limit"] = state["sample_time_slew_limit"] = 1e9  # tests/test_limits.py is about it
     after, output, status = stepped(host, state, params, measured)
     total = output["p1"] + output["p2"] + output["p3"]
     beyond = np.abs(total) > params["torque_limit"]

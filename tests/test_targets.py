@@ -3,7 +3,9 @@
 import io
 import shutil
 import subprocess
+from importlib.resources import files
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -209,16 +211,10 @@ def test_the_stack_bound_follows_calls_and_refuses_recursion(tmp_path):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    from pfaffian.derive.emit.emitter import Emission
-    from pfaffian.derive.generation import generate
-    from pfaffian.derive.library import find_model
-    from pfaffian.derive.pipeline import library_sets, lowered_model
-    from pfaffian.derive.writer import write_generation
+    from pfaffian.cli.make import Extras, generate_files
 
     folder = tmp_path_factory.mktemp("firmware") / "pendubot"
-    source = find_model("pendubot")
-    model = lowered_model(source)
-    write_generation(generate(Emission(model, library_sets(model, source))), folder)
+    generate_files("pendubot", None, None, folder, False, Extras(), True)
     return folder / "c"
 
 
@@ -280,6 +276,23 @@ def test_the_emitted_makefile_refuses_an_unknown_target_and_takes_one_of_ones_ow
     assert code == 0
     assert "my-gcc -std=c99" in said
     assert "-mcpu=mine" in said
+
+
+@needs_make
+@needs_cmake
+def test_the_complete_controller_is_built_with_the_runtime_beside_it(made, tmp_path):
+    runtime = Path(str(files("pfaffian.runtime"))) / "c"
+    code, said = shell(["make", "TARGET=host", "CFLAGS=-DWHOLE", f"RUNTIME={runtime}", "-B"], made)
+    assert code == 0, said
+    assert "warning" not in said
+    for name in ("pendubot_control.c", "pf_supervisor.c"):
+        assert name in said
+    chosen = f"-DPF_RUNTIME={runtime}"
+    code, said = shell(["cmake", "-S", ".", "-B", tmp_path, chosen], made)
+    assert code == 0, said
+    code, said = shell(["cmake", "--build", tmp_path, "--verbose"], made)
+    assert code == 0, said
+    assert "pf_supervisor.c" in said
 
 
 @needs_cmake

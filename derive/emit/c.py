@@ -107,7 +107,8 @@ def pointers(**sources: str) -> Callable[[int, Signal], str]:
     return lambda _, signal: f"{sources[signal.group]}->{signal.name}"
 
 
-def _member_lines(structure: Structure) -> list[str]:
+def member_lines(structure: Structure) -> list[str]:
+    """Return one line of C a member of `structure`, its meaning and unit in a comment."""
     lines = []
     for f in structure.fields:
         unit = f" [{f.unit}]" if f.unit else ""
@@ -167,7 +168,9 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     precision = emission.precision
-    structures = structures_of(model, precision.real, emission.step, emission.prepare)
+    structures = structures_of(
+        model, precision.real, emission.step, emission.prepare, follow=bool(emission.plans)
+    )
     controller = pointers(
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
@@ -178,13 +181,15 @@ def emit_c(emission: Emission) -> dict[str, str]:
     plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
+        "has_control": bool(emission.controls) and precision is DOUBLE,
+        "has_swing_up": model.has_program("swing_up"),
         **precision.names(),
         "abi": ABI_VERSION,
         "model": model.name,
         "guard": model.name.upper(),
         "title": comment_text(model.title),
         "structures": {
-            role: {"name": s.name, "members": _member_lines(s), "names": s.names()}
+            role: {"name": s.name, "members": member_lines(s), "names": s.names()}
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
@@ -201,6 +206,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "actuators": [a.name for a in model.actuators],
         "limits": model.limits,
         "coordinates": [c.name for c in model.coordinates],
+        "plans": [f"{model.name}_plan_{snake(p.name)}" for p in emission.plans],
         "step": step,
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],
@@ -214,6 +220,9 @@ def emit_c(emission: Emission) -> dict[str, str]:
     }
     elementary = {"header": header, **emission.elementary()}
     files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in precision.elementary_files}
+    swings = model.has_program("swing_up")
+    if swings:
+        context |= _swing_up(model, precision)
     for template, path in (
         ("pf_scalar.h", f"pf_scalar{precision.suffix}.h"),
         ("pf_model.h", "pf_model.h"),
@@ -225,6 +234,14 @@ def emit_c(emission: Emission) -> dict[str, str]:
         ("continuous.c", f"{model.name}_continuous.c"),
         ("plant.h", f"{model.name}_plant.h"),
         ("plant.c", f"{model.name}_plant.c"),
+        *((f"swing_up.{end}", f"{model.name}_swing_up.{end}") for end in "hc" if swings),
     ):
         files[f"c/{path}"] = fill(f"c/{template}.j2", context)
     return files
+
+
+def _swing_up(model: LoweredModel, precision: Precision) -> dict[str, object]:
+    """Return what the templates of the energy swing-up law are filled with besides."""
+    program, checks = with_checks(model.program("swing_up"))
+    body = body_of(program, pointers(input="input", parameter="params"), precision.dialect)
+    return {"swing_up": body, "swing_up_checked": [body.results[name] for name in checks]}

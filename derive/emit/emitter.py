@@ -17,6 +17,8 @@ from importlib.resources import files
 from typing import Any, Protocol
 
 import jinja2
+from pfaffian.derive.control_set import ControlSet
+from pfaffian.derive.emit.plan_table import PlanTable
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
@@ -64,6 +66,8 @@ class Emission:
     batch: bool = False
     precision: Precision = DOUBLE
     single: Mapping[str, Any] = field(default_factory=dict)
+    controls: tuple[ControlSet, ...] = ()
+    plans: tuple[PlanTable, ...] = ()
 
     @cached_property
     def baked(self) -> Baked | None:
@@ -97,8 +101,10 @@ class Emission:
         for program in (*self.model.programs, *self.jacobians):
             _check_program(self.model.name, program)
         _check_sets(self.sets)
+        taken = [n for n in ("step", "swing_up") if self.model.has_program(n)]
         for s in self.sets:
-            self.precision.check_set(self.model.parameters_of("step"), s)
+            for name in taken:
+                self.precision.check_set(self.model.parameters_of(name), s)
 
     def parameters_sha256(self) -> str:
         """Return one digest of all parameter sets with their names."""

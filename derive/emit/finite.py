@@ -28,13 +28,25 @@ def values_to_check(program: Program) -> tuple[int, ...]:
     """
     vouched: set[int] = set()
     pairs = zip(program.outputs, program.results, strict=True)
-    leaving = {_unlimited(program, index) for s, index in pairs if s.group != "flag"}
+    leaving = {v for s, i in pairs if s.group != "flag" for v in _behind(program, i)}
     chosen: list[int] = []
     for index in sorted(leaving, reverse=True):
         if index not in vouched:
             chosen.append(index)
             _vouch(program, index, vouched)
     return tuple(sorted(chosen))
+
+
+def _behind(program: Program, index: int) -> tuple[int, ...]:
+    """Return what to check of a value: what its limit is put on, or the value itself.
+
+    A slew limit between the two chooses bounds that need not be finite: then the value is checked,
+    and the one that both limits are put on, which vouches for its own parts.
+    """
+    value = inner = _unlimited(program, index)
+    while value != index and program.instructions[inner].op is Op.SELECT:
+        inner = program.instructions[inner].args[2]
+    return (index, inner) if inner != value else (value,)
 
 
 def _unlimited(program: Program, index: int) -> int:

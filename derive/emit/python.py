@@ -70,7 +70,9 @@ def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
-    structures = structures_of(model, step=emission.step, prepare=emission.prepare)
+    structures = structures_of(
+        model, step=emission.step, prepare=emission.prepare, follow=bool(emission.plans)
+    )
     controller = {
         "input": "measured",
         "state": "state",
@@ -83,6 +85,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
     checked, checks = with_checks(step)
     context: dict[str, object] = {
         "header": emission.banner(),
+        "has_swing_up": model.has_program("swing_up"),
         "title": comment_text(model.title),
         "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
@@ -129,6 +132,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "next_state": [s.name for s in step.outputs if s.group == "next_state"],
         "checked": checks,
         "step": python_body(checked, controller),
+        **_following(emission, controller),
         "unbounded": unbounded(emission.prepare, input_bounds(model)),
         "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
         "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
@@ -139,10 +143,24 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "setpoint": python_body(model.program("setpoint"), controller),
         "input_gain": python_body(model.program("input_gain"), controller),
     }
+    if model.has_program("swing_up"):
+        swing_up, swing_up_checks = with_checks(model.program("swing_up"))
+        context["swing_up"] = python_body(swing_up, controller)
+        context["swing_up_checked"] = swing_up_checks
+        context["swing_up_names"] = structures["swing_up_output"].names()
     return {
         f"{model.name}.py": fill("python/model.py.j2", context),
         "__init__.py": fill("python/package.py.j2", context),
     }
+
+
+def _following(emission: Emission, sources: dict[str, str]) -> dict[str, object]:
+    """Return the law along a reference, where there is a plan to follow."""
+    if not emission.plans:
+        return {"follow": None, "follow_checked": ()}
+    program, checks = with_checks(emission.model.program("follow"))
+    body = python_body(program, {**sources, "reference": "reference"})
+    return {"follow": body, "follow_checked": checks}
 
 
 def _constants(emission: Emission) -> tuple[tuple[str, float], ...]:

@@ -34,14 +34,18 @@ def structures_of(
     real: str = "double",
     step: Program | None = None,
     prepare: Program | None = None,
+    *,
+    follow: bool = False,
 ) -> dict[str, Structure]:
     """Return the structures of `model` by role, members of type `real` in order of declaration.
 
-    `step` and `prepare` replace the model's own where a parameter set is folded into them.
+    With `follow` there is the reference of the following law as well. `step` and `prepare` replace
+    the model's own where a parameter set is folded into them.
     """
     whole = (model.program("step"), model.program("prepare"))
     step, prepare = step or whole[0], prepare or whole[1]
     continuous, acceleration = model.program("continuous"), model.program("acceleration")
+    swing_up = [model.program("swing_up")] if model.has_program("swing_up") else []
     declared = [p.name for p in model.parameters]
 
     def parameters(*programs: Program) -> tuple[Field, ...]:
@@ -59,7 +63,7 @@ def structures_of(
     # The caller supplies the time of a time-varying constraint with each measurement.
     timed = [s for s in (*step.inputs, *continuous.inputs) if s.name == TIME_NAME]
     roles = {
-        "params": parameters(*whole, continuous),
+        "params": parameters(*whole, continuous, *swing_up),
         "input": motion + _fields(timed, real),
         "state": _fields(state, real),
         "output": _fields(outputs, real),
@@ -70,4 +74,9 @@ def structures_of(
         "plant_input": tuple(Field(a.name, real, a.unit, a.description) for a in model.actuators),
         "plant_rate": _fields(list(acceleration.outputs), real),
     }
+    for program in swing_up:
+        leaving = [s for s in program.outputs if s.group == "output"]
+        roles["swing_up_output"] = _fields(leaving, real)
+    if follow:  # the row's entries too that the law does not read
+        roles["reference"] = _fields(_group(model.program("follow"), "reference"), real)
     return {role: Structure(f"{model.name}_{role}_t", fields) for role, fields in roles.items()}

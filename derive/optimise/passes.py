@@ -18,6 +18,8 @@ from pfaffian.derive.program import Program
 
 #: Programs that are emitted and run again and again; `step` may prepare what does not change.
 EMITTED = ("step", "continuous", "acceleration", "energy")
+#: Emitted too, where a model has them.
+OPTIONAL = ("swing_up", "follow")
 
 
 def merge_equal_values(program: Program) -> Program:
@@ -44,13 +46,14 @@ def optimise(programs: Sequence[Program]) -> tuple[tuple[Program, ...], tuple[Pa
     """Return the programs with the emitted ones optimised, and what each pass did."""
     reports: list[PassReport] = []
     found = {p.name: p for p in programs}
-    for name in EMITTED:
+    emitted = (*EMITTED, *(name for name in OPTIONAL if name in found))
+    for name in emitted:
         for title, run in PASSES:
             found[name] = _reported(found[name], title, run, reports)
     step, prepare = hoist(found["step"], found["prepare"])
     reports.append(PassReport("step", "prepared once", _size(found["step"]), _size(step)))
     found["step"], found["prepare"] = step, merge_equal_values(prepare)
-    for name in EMITTED:
+    for name in emitted:
         found[name] = _reported(found[name], "calls first", call_early, reports)
     return tuple(found[p.name] for p in programs), tuple(reports)
 

@@ -16,7 +16,6 @@ from pfaffian.derive.plan.plant import NumericPlant, casadi_rates, numeric_plant
 from pfaffian.derive.plan.problem import (
     PlanOptions,
     Problem,
-    model_digest,
     plan_problem,
     plant_parameters,
 )
@@ -29,6 +28,7 @@ from pfaffian.derive.plan.shooting import (
     random_guess,
     resampled,
 )
+from pfaffian.derive.plant_digest import plant_digest
 from pfaffian.runtime.errors import CheckError, InputError
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def _check_belonging(
     remedy = f"plan again: pfaffian plan {spec.name} -o FILE"
     if problem.model != spec.name:
         raise InputError(f"{where}: is a plan of model {problem.model}", remedy=remedy)
-    if problem.model_sha256 != model_digest(derivation):
+    if problem.model_sha256 != plant_digest(derivation):
         raise InputError(f"{where}: the equations of {spec.name} have changed since", remedy=remedy)
     for (name, then), (_, now) in zip(
         problem.parameters, plant_parameters(derivation, chosen), strict=True

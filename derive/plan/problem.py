@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pfaffian.derive.block import Block
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.derive.plan.plant import NumericPlant
 from pfaffian.derive.plan.rest import hanging_rest, held_torque, slowest_period
+from pfaffian.derive.plant_digest import plant_digest
 from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import InputError
 
@@ -145,7 +143,7 @@ def plan_problem(
         sample_time=sample,
         weights=options.weights,
         parameters=plant_parameters(derivation, chosen),
-        model_sha256=model_digest(derivation),
+        model_sha256=plant_digest(derivation),
         parameter_sha256=chosen.digest(),
     )
 
@@ -155,14 +153,6 @@ def plant_parameters(derivation: Derivation, chosen: ParameterSet) -> tuple[tupl
     values = chosen.as_dict()
     block = derivation.block("acceleration")
     return tuple((s.name, values[s.name]) for s in block.inputs if s.group == "parameter")
-
-
-def model_digest(derivation: Derivation) -> str:
-    """Return the SHA-256 of the equations of motion, as the derivation writes them."""
-    block: Block = derivation.block("acceleration")
-    lines = [[d.symbol.name, str(d.expression)] for d in block.definitions]
-    text = json.dumps([[s.name for s in block.inputs], lines, [r.name for r in block.results]])
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _replaced(

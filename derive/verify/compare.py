@@ -17,8 +17,10 @@ from pfaffian.derive.verify.span import NamedValues, values_of
 from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 
 Array = np.ndarray[Any, Any]
-#: Functions of the generated code, by the block each was lowered from.
-FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy")
+#: Functions of the generated code, by the block each was lowered from; a model may lack the last.
+FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy", "swing_up")
+#: What is verified besides where the generated code follows a plan.
+FOLLOWING = ("follow",)
 #: What a correct build stays below, in condition-scaled units in the last place.
 LIMIT_ULP = 4.0
 _CHUNK = 5_000
@@ -98,6 +100,7 @@ def verify(
     progress: Callable[[int, int], None] | None = None,
     unit: Unit = DOUBLE_UNIT,
     witness: Subject | None = None,
+    functions: Sequence[str] = FUNCTIONS,
 ) -> Verification:
     """Compare `subjects` with the oracle on `samples` inputs of every function.
 
@@ -111,10 +114,11 @@ def verify(
     everyone = [*subjects, *([target] if target else [])]
     mismatches = undecided = compared = done = beyond = beyond_near = emulated = 0
     branches: dict[str, float] = {}
-    for function in FUNCTIONS:
+    functions = [f for f in functions if model.has_program(f)]
+    for function in functions:
         block = derivation.block(function)
         judge = _Judge(model, block, unit)
-        rng = np.random.default_rng([_SEED, FUNCTIONS.index(function)])
+        rng = np.random.default_rng([_SEED, functions.index(function)])
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
             drawn = draw(model, block.inputs, sets, count, rng, unit, judge.holds, block)
@@ -132,10 +136,11 @@ def verify(
                     differs &= ~known
                 mismatches += int(differs.sum())
                 compared += for_target if function == "step" else 0
-            _count_branches(branches, block, judge.last_exact, samples)
+            if function == "step":
+                _count_branches(branches, block, judge.last_exact, samples)
             done += count
             if progress:
-                progress(done, samples * len(FUNCTIONS))
+                progress(done, samples * len(functions))
     results = tuple(
         FunctionResult(
             f,
@@ -147,7 +152,7 @@ def verify(
             t.worst_by_input,
             t.worst_by_input_near,
         )
-        for f in FUNCTIONS
+        for f in functions
         for s in everyone
         if (t := tallies.get((f, s.name))) is not None
     )
@@ -260,5 +265,6 @@ def _count_branches(
     """Add up which share of the samples took each flagged branch."""
     for signal in block.outputs:
         if signal.group == "flag":
+            name = signal.name if block.name == "step" else f"{block.name}_{signal.name}"
             share = float(np.count_nonzero(exact[signal.name])) / samples
-            branches[signal.name] = round(branches.get(signal.name, 0.0) + share, 12)
+            branches[name] = round(branches.get(name, 0.0) + share, 12)

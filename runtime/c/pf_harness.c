@@ -51,6 +51,22 @@ void pf_batch_energy(uint32_t n, const PF_PLANT_PARAMS_T *params, const PF_PLANT
     PF_REAL *energy);
 void pf_batch_plant_step(uint32_t n, PF_PLANT_STATE_T *state, const PF_PLANT_PARAMS_T *params,
     const PF_PLANT_INPUT_T *input, const PF_REAL *step, uint32_t substeps);
+#ifdef PF_HAS_SWING_UP
+void pf_batch_swing_up(uint32_t n, const PF_PARAMS_T *params, const PF_INPUT_T *input,
+    PF_SWING_UP_OUTPUT_T *output, int32_t *status);
+#define PF_SIZEOF_SWING_UP_OUTPUT ((uint32_t)sizeof(PF_SWING_UP_OUTPUT_T))
+#else
+#define PF_SIZEOF_SWING_UP_OUTPUT 0U
+#endif
+#ifdef PF_HAS_FOLLOW
+void pf_batch_follow(uint32_t n, PF_STATE_T *state, const PF_PARAMS_T *params,
+    const PF_INPUT_T *input, const PF_REFERENCE_T *reference, PF_OUTPUT_T *output,
+    int32_t *status);
+void pf_batch_plan_at(uint32_t n, const PF_REAL *time, PF_REFERENCE_T *reference, uint32_t plan);
+#define PF_SIZEOF_REFERENCE ((uint32_t)sizeof(PF_REFERENCE_T))
+#else
+#define PF_SIZEOF_REFERENCE 0U
+#endif
 
 uint32_t pf_target_check(void)
 {
@@ -82,6 +98,7 @@ uint32_t pf_sizeof(uint32_t role)
         (uint32_t)sizeof(PF_CONTINUOUS_STATE_T), (uint32_t)sizeof(PF_CONTINUOUS_OUTPUT_T),
         (uint32_t)sizeof(PF_PLANT_PARAMS_T), (uint32_t)sizeof(PF_PLANT_STATE_T),
         (uint32_t)sizeof(PF_PLANT_INPUT_T), (uint32_t)sizeof(PF_PLANT_RATE_T),
+        PF_SIZEOF_SWING_UP_OUTPUT, PF_SIZEOF_REFERENCE,
     };
 
     return (role < (uint32_t)(sizeof(sizes) / sizeof(sizes[0]))) ? sizes[role] : 0U;
@@ -145,3 +162,39 @@ void pf_batch_plant_step(uint32_t n, PF_PLANT_STATE_T *state, const PF_PLANT_PAR
         PF_PLANT_STEP(&state[i], &params[i], &input[i], step[i], substeps);
     }
 }
+
+#ifdef PF_HAS_SWING_UP
+void pf_batch_swing_up(uint32_t n, const PF_PARAMS_T *params, const PF_INPUT_T *input,
+    PF_SWING_UP_OUTPUT_T *output, int32_t *status)
+{
+    uint32_t i;
+
+    for (i = 0U; i < n; ++i) {
+        status[i] = (int32_t)PF_SWING_UP(&params[i], &input[i], &output[i]);
+    }
+}
+#endif
+
+#ifdef PF_HAS_FOLLOW
+void pf_batch_follow(uint32_t n, PF_STATE_T *state, const PF_PARAMS_T *params,
+    const PF_INPUT_T *input, const PF_REFERENCE_T *reference, PF_OUTPUT_T *output,
+    int32_t *status)
+{
+    uint32_t i;
+
+    for (i = 0U; i < n; ++i) {
+        status[i] =
+            (int32_t)PF_FOLLOW(&state[i], &params[i], &input[i], &reference[i], &output[i]);
+    }
+}
+
+void pf_batch_plan_at(uint32_t n, const PF_REAL *time, PF_REFERENCE_T *reference, uint32_t plan)
+{
+    static const PF_PLAN_T *const plans[] = PF_PLANS;
+    uint32_t i;
+
+    for (i = 0U; i < n && plan < (uint32_t)(sizeof(plans) / sizeof(plans[0])); ++i) {
+        PF_PLAN_AT(plans[plan], time[i], &reference[i]);
+    }
+}
+#endif

@@ -57,6 +57,7 @@ void hand_init(hand_law_t *law, const hand_params_t *p)
     law->epsilon = p->epsilon;
     law->epsilon_inverse = 1.0 / p->epsilon;
     law->torque_limit = p->torque_limit;
+    law->torque_step = p->sample_time * p->slew_limit;
     law->singular_threshold = p->singular_threshold;
     law->threshold_squared = p->singular_threshold * p->singular_threshold;
     law->leakage_decay = p->leakage_decay;
@@ -137,18 +138,25 @@ int hand_step(
     const double bhat_next = numerator / denominator;
     total = MINUS(total, gain, bhat_next);
 
+    /* What the motor can reach within a period; the torque limit comes last. */
+    const double least = state->tau_previous - law->torque_step;
+    const double most = state->tau_previous + law->torque_step;
+    const int slewing = total < least || total > most;
+    const double slewed = total < least ? least : total > most ? most : total;
+
 #ifdef HAND_CHECKED
     /* A finite total vouches for p1, p2, p3, s, beta, ADB and the offset: all of them enter it. */
-    const double magnitude = __builtin_fabs(total), bound = law->torque_limit;
+    const double magnitude = __builtin_fabs(slewed), bound = law->torque_limit;
     if (!(bound > 0.0)) {
         return refused(output, HAND_BAD_PARAMETER);
     }
-    if (!(magnitude <= 0x1.fffffffffffffp+1023)) {
+    const double command = magnitude > bound ? (slewed < 0.0 ? -bound : bound) : slewed;
+    if (!(__builtin_fabs(total) <= 0x1.fffffffffffffp+1023
+            && __builtin_fabs(command) <= 0x1.fffffffffffffp+1023)) {
         return refused(output, HAND_NUMERIC);
     }
-    const int saturated = magnitude > bound;
+    const int saturated = slewing || magnitude > bound;
     if (saturated) {
-        output->tau = total < 0.0 ? -bound : bound;
         if (!state->engaged) {
             state->constraint_offset = offset;
         }
@@ -158,10 +166,10 @@ int hand_step(
         if (!(estimate <= 0x1.fffffffffffffp+1023)) {
             return refused(output, HAND_NUMERIC);
         }
-        output->tau = total;
         state->constraint_offset = offset;
         state->bound_estimate = estimate;
     }
+    output->tau = state->tau_previous = command;
     output->p1 = p1;
     output->p2 = -law->kappa * bhat_next;
     output->p3 = outside ? -push : -(effort * effort * law->epsilon_inverse) * bhat_next;
@@ -173,25 +181,22 @@ int hand_step(
     return near_singular ? HAND_NEAR_SINGULAR : saturated ? HAND_SATURATED : HAND_OK;
 #else
     /* Saturation holds integral and adaptation. What is not finite came from the input. */
-    const double size = __builtin_fabs(total), limit = law->torque_limit;
-    if (size > limit) {
-        if (size > 1e300) {
-            *torque = 0.0;
-            return 1;
-        }
-        *torque = total < 0.0 ? -limit : limit;
-        if (!state->engaged) {
-            state->constraint_offset = offset;
-        }
-    } else if (size == size) {
-        *torque = total;
-        state->constraint_offset = offset;
-        state->bound_estimate = MADD(law->leakage_decay, state->bound_estimate,
-            law->adaptation_step * regressor * __builtin_fabs(bhat_next));
-    } else {
+    const double size = __builtin_fabs(slewed), limit = law->torque_limit;
+    if (!(__builtin_fabs(total) <= 1e300)) {
         *torque = 0.0;
         return 1;
     }
+    *torque = size > limit ? (slewed < 0.0 ? -limit : limit) : slewed;
+    if (slewing || size > limit) {
+        if (!state->engaged) {
+            state->constraint_offset = offset;
+        }
+    } else {
+        state->constraint_offset = offset;
+        state->bound_estimate = MADD(law->leakage_decay, state->bound_estimate,
+            law->adaptation_step * regressor * __builtin_fabs(bhat_next));
+    }
+    state->tau_previous = *torque;
     state->drift_previous = drift;
     state->engaged = 1u;
     return 0;

@@ -12,7 +12,7 @@
 typedef struct {
     double theta1, theta2, theta3, theta4, theta5, g;
     double lam, lam1, lam2, sigma, eta, kappa, epsilon;
-    double q1d, q2d, sample_time, torque_limit, singular_threshold;
+    double q1d, q2d, sample_time, torque_limit, slew_limit, singular_threshold;
     double leakage_decay, adaptation_step; /* e^(-k2 T) and k1 (1 - e^(-k2 T))/k2 */
 } hand_params_t;
 
@@ -27,7 +27,7 @@ typedef struct {
     double gravity1, gravity2; /* theta4 g, theta5 g */
     double half_period, period;
     double kappa, epsilon, epsilon_inverse;
-    double torque_limit, singular_threshold, threshold_squared;
+    double torque_limit, torque_step, singular_threshold, threshold_squared;
     double leakage_decay, adaptation_step;
 } hand_law_t;
 
@@ -36,6 +36,7 @@ typedef struct {
     double constraint_offset; /* beta - s */
     double drift_previous;
     double bound_estimate; /* ahat */
+    double tau_previous; /* torque last commanded */
     uint32_t engaged;
 } hand_state_t;
 

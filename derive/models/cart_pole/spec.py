@@ -26,6 +26,7 @@ def model() -> ModelSpec:
     inertia = m.parameter("pole_inertia", "kg*m^2", "inertia about the centre of mass", latex="I")
     g = m.parameter("g", "m/s^2", "acceleration of gravity", upper=100.0)
     m.actuator("u", "N", "force on the cart", on={"x": sp.S.One})
+    m.swing_up(kP=7.2, kD=1.25, kE=1.0, kV=0.27)
     centre = sp.Matrix([x + length * sp.sin(theta), length * sp.cos(theta)])
     velocity = centre.diff(x) * dx + centre.diff(theta) * dtheta
     return m.build(

@@ -36,6 +36,7 @@ def model() -> ModelSpec:
     )
     g = m.parameter("g", "m/s^2", "acceleration of gravity", upper=100.0)
     m.actuator("tau", "N*m", "motor torque on the arm", on={"theta": sp.S.One})
+    m.swing_up(kP=75.0, kD=1.56, kE=1e5, kV=1.8)
     outwards = sp.Matrix([sp.cos(theta), sp.sin(theta), 0])
     onwards = sp.Matrix([-sp.sin(theta), sp.cos(theta), 0])
     upwards = sp.Matrix([0, 0, 1])

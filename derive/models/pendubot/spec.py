@@ -10,6 +10,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import sympy as sp
+from pfaffian.derive.law_parameters import SwingUpGains, swing_up_parameters
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.spec import (
     Actuator,
@@ -19,6 +20,7 @@ from pfaffian.derive.spec import (
     ServoConstraint,
     StabilityCondition,
     standard_law,
+    standard_swing_up,
     symbols_of,
 )
 
@@ -110,6 +112,17 @@ PARAMETERS = (
         latex="\\tau_{\\max}",
     ),
     Parameter(
+        "slew_limit",
+        "N*m/s",
+        "largest rate of change of the torque commanded",
+        "target",
+        0.0,
+        1e9,
+        True,
+        default=1e9,
+        latex="\\dot\\tau_{\\max}",
+    ),
+    Parameter(
         "singular_threshold",
         "1/(kg*m^2)",
         "least |ADB| the law divides by",
@@ -118,6 +131,8 @@ PARAMETERS = (
         1e6,
         latex="\\underline{a}",
     ),
+    # Section 6 gives three of the gains and no kV.
+    *swing_up_parameters("rad", SwingUpGains(position=66.35, rate=9.45, energy=1.0, damping=2.0)),
     *_friction(1),
     *_friction(2),
 )
@@ -189,7 +204,8 @@ def model() -> ModelSpec:
             errors=Matrix([e1, e2]),
             setpoint=(p.q1d, p.q2d),
         ),
-        law=standard_law(p, p.torque_limit),
+        law=standard_law(p, p.torque_limit, slews=(p.slew_limit,)),
+        swing_up=standard_swing_up(p),
         lumping=(
             (p.theta1, p.m1 * p.lc1**2 + p.m2 * p.l1**2 + p.I1),
             (p.theta2, p.m2 * p.lc2**2 + p.I2),

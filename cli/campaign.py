@@ -1,0 +1,87 @@
+"""`pfaffian campaign`: many rigs of many variants of a scenario."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+from pfaffian.cli import output
+from pfaffian.runtime.errors import InputError
+
+
+def fly(
+    reference: str, generated: Path | None, jobs: int, written: Path | None, as_json: bool
+) -> None:
+    """Fly the campaign `reference` and report a row a case; `written` takes them as CSV."""
+    from pfaffian.runtime.twin.campaign import read_campaign
+
+    if jobs < 1:
+        raise InputError(f"--jobs: {jobs}", remedy="give 1 or more")
+    campaign = read_campaign(reference)
+    rows = fly_rows(reference, generated, jobs)
+    if written:
+        _write(written, csv_of(rows))
+    document = {"campaign": campaign.name, "title": campaign.title, "rows": rows}
+    output.deliver(document, as_json, lambda: _show(campaign.title, rows))
+
+
+def fly_rows(reference: str, generated: Path | None, jobs: int) -> list[dict[str, Any]]:
+    """Fly the campaign called `reference` with a progress bar; return a row a case."""
+    from pfaffian.runtime.twin.campaign import fly_campaign, read_campaign, row_of
+
+    campaign, rows = read_campaign(reference), []
+    with output.progress(f"flying {campaign.name}") as update:
+        for result in fly_campaign(campaign, generated, jobs):
+            coordinates = campaign.scenario(result.case, generated).coordinates
+            rows.append(row_of(result, coordinates))
+            update(len(rows), len(campaign.cases))
+    return rows
+
+
+def csv_of(rows: list[dict[str, Any]]) -> str:
+    """Return `rows` as CSV: numbers read back to the bit, lists in one cell."""
+    text = io.StringIO()
+    names = list(dict.fromkeys(n for row in rows for n in row))
+    sheet = csv.DictWriter(text, names, lineterminator="\n")
+    sheet.writeheader()
+    for row in rows:
+        sheet.writerow({n: _cell(v) for n, v in row.items()})
+    return text.getvalue()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return " ".join(map(str, value))
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def _write(path: Path, text: str) -> None:
+    from pfaffian.runtime.files import write_whole
+
+    try:
+        write_whole(path, text.encode())
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror})", remedy="choose another -o"
+        ) from error
+
+
+def _show(title: str, rows: list[dict[str, Any]]) -> None:
+    hidden = ("sha256", "failed", "seed", "capture_time_least")
+    names = [n for n in rows[0] if n not in hidden]
+    cells = [[_shown(row[n]) for n in names] for row in rows]
+    output.table(title, [n.replace("_", " ") for n in names], cells)
+    for row in rows:
+        failed = row["failed"]
+        if failed:
+            more = f" and {len(failed) - 12} more" if len(failed) > 12 else ""
+            which = ", ".join(map(str, failed[:12]))
+            output.out.print(f"not captured (seed {row['seed']}): rigs {which}{more}")
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    return output.figure(value) if isinstance(value, float) else str(value)

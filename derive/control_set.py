@@ -1,0 +1,227 @@
+"""What a complete controller needs beside its laws: encoders, capture, supervision, read from TOML.
+
+One file a parameter set, `control/SET.toml` beside the model's `spec.py`. Quantities carry units,
+as in a parameter set; what is out of bounds is refused by the C modules' own rules when the
+controller is initialised, what is misspelt or of another dimension here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pfaffian.derive.lowered import LoweredModel
+from pfaffian.runtime.c_layout import BALANCE_LAWS, ESTIMATORS, MEASURES, SWING_UP_LAWS
+from pfaffian.runtime.documents import read_toml, suggestion
+from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.quantity import parse_quantity
+
+#: Measures of the capture set beside the coordinates' errors, with their units.
+SCALARS = {
+    "energy": "J",
+    "residual": "",
+    "singular_ratio": "",
+    "torque_jump": "",
+    "form": "",
+}
+_ENCODER = {
+    "counts_per_turn": ("", 5000.0),
+    "offset": ("rad", 0.0),
+    "bandwidth": ("rad/s", 300.0),
+    "damping": ("", math.sqrt(0.5)),
+    "counter_bits": ("", 32),
+    "counter_zero": ("", 0),
+    "largest_jump": ("", 100),
+    "longest_gap": ("", 8),
+    "direction": ("", 1),
+}
+_SUPERVISOR = {
+    "capture_periods": ("", 1),
+    "release_periods": ("", 1),
+    "shortest_period": ("", 0.5),
+    "longest_period": ("", 1.5),
+    "overruns": ("", 0),
+    "watchdog_time": ("s", 0.0),
+    "swing_up_timeout": ("s", 0.0),
+    "attempts": ("", 0),
+}
+_TOP = ("title", "source", "swing_up", "balance", "encoder", "capture", "release", "form")
+_TABLES = (*_TOP, "feedback", "rest", "plan", "supervisor")
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class ControlSet:
+    """The constants of one complete controller, in SI units.
+
+    `encoders` holds the members of `pf_sensing_params_t` by coordinate, `supervisor` those of
+    `pf_supervisor_params_t`, `own` the controller's own members, all by name in C.
+    """
+
+    name: str
+    title: str
+    source: str
+    encoders: Mapping[str, Values]
+    supervisor: Values
+    own: Values
+
+
+def control_paths(folder: Path) -> dict[str, Path]:
+    """Return the files of the complete controllers of the model in `folder`, by parameter set."""
+    return {p.stem: p for p in sorted((folder / "control").glob("*.toml"))}
+
+
+def state_names(model: LoweredModel) -> tuple[str, ...]:
+    """Return the names of q and q', in that order."""
+    names = [c.name for c in model.coordinates]
+    return (*names, *(f"d{n}" for n in names))
+
+
+def form_names(model: LoweredModel) -> list[tuple[str, str, str]]:
+    """Return (member, x_i, x_j) for each entry of the upper triangle of the quadratic form."""
+    x = state_names(model)
+    return [(f"form_{a}_{b}", a, b) for i, a in enumerate(x) for b in x[i:]]
+
+
+def read_control(
+    path: Path, model: LoweredModel, law: Mapping[str, float], plans: tuple[str, ...]
+) -> ControlSet:
+    """Read the controller in `path` for the parameter set `law` of its name.
+
+    Raises `InputError` for an unknown key, a wrong unit, a table of another shape, or a plan that
+    is wanted and not there.
+    """
+    document = read_toml(path)
+    _check_keys(document, _TABLES, f"{path}")
+    time = law["sample_time"]
+    encoders = {}
+    for c in model.coordinates:
+        table = _table(_table(document, "encoder", path), c.name, path)
+        values = _values(table, _ENCODER, f"{path}: encoder.{c.name}", ("estimator", "turns"))
+        estimator = _word(table, "estimator", ESTIMATORS, "tracking", f"{path}: encoder.{c.name}")
+        encoders[c.name] = {**values, "sample_time": time, "estimator": estimator}
+    return ControlSet(
+        name=path.stem,
+        title=str(document.get("title", path.stem)),
+        source=str(document.get("source", "")),
+        encoders=encoders,
+        supervisor=_supervisor(document, model, time, path),
+        own=_own(document, model, plans, path),
+    )
+
+
+def _own(
+    document: Mapping[str, object], model: LoweredModel, plans: tuple[str, ...], path: Path
+) -> dict[str, float | int]:
+    own: dict[str, float | int] = {}
+    x = state_names(model)
+    units = {c.name: c.unit for c in model.coordinates}
+    units |= {f"d{c.name}": f"{c.unit}/s" for c in model.coordinates}
+    feedback, rest = _table(document, "feedback", path), _table(document, "rest", path)
+    for a in model.actuators:
+        gains = _row(feedback.get(a.name, [0.0] * len(x)), len(x), f"{path}: feedback.{a.name}")
+        own |= {f"feedback_{a.name}_{n}": g for n, g in zip(x, gains, strict=True)}
+        own[f"rest_{a.name}"] = parse_quantity(
+            rest.get(a.name, f"0 {a.unit}"), a.unit, f"{path}: rest.{a.name}"
+        )
+    own |= _form(_table(document, "form", path), model, path)
+    table = _table(document, "plan", path)
+    schema: dict[str, tuple[str, float]] = {}
+    for c in model.coordinates:
+        schema |= {f"start_{c.name}": (c.unit, 0.0), f"start_d{c.name}": (units[f"d{c.name}"], 0.0)}
+        schema[f"error_{c.name}"] = (c.unit, 0.0)
+    schema["patience"] = ("s", 0.0)
+    own |= {f"plan_{k}": v for k, v in _values(table, schema, f"{path}: plan").items()}
+    encoders = _table(document, "encoder", path)
+    for c in model.coordinates:
+        turns = _table(encoders, c.name, path).get("turns", c.unit == "rad")
+        own[f"{c.name}_turns"] = int(bool(turns))
+    swing_up = _word(document, "swing_up", SWING_UP_LAWS, "energy", f"{path}")
+    if swing_up == SWING_UP_LAWS["plan"] and path.stem not in plans:
+        raise InputError(
+            f"{path}: swing_up = plan, but there is no plan for parameter set {path.stem}",
+            remedy=f"plan one: pfaffian plan {model.name} --set {path.stem}",
+        )
+    own["plan"] = plans.index(path.stem) + 1 if path.stem in plans else 0
+    own["swing_up"] = swing_up
+    own["balance"] = _word(document, "balance", BALANCE_LAWS, "robust", f"{path}")
+    return own
+
+
+def _form(table: Values, model: LoweredModel, path: Path) -> dict[str, float]:
+    """Return the upper triangle of the symmetric matrix `weights`, zero where it is not given."""
+    x = state_names(model)
+    rows = table.get("weights", [[0.0] * len(x)] * len(x))
+    where = f"{path}: form.weights"
+    if not isinstance(rows, list) or len(rows) != len(x):
+        raise InputError(f"{where} has not {len(x)} rows", remedy=f"order: {', '.join(x)}")
+    matrix = [_row(row, len(x), where) for row in rows]
+    if any(matrix[i][j] != matrix[j][i] for i in range(len(x)) for j in range(i)):
+        raise InputError(f"{where} is not symmetric", remedy="give w_ij = w_ji")
+    entries = [(i, j) for i in range(len(x)) for j in range(i, len(x))]
+    names = [name for name, _, _ in form_names(model)]
+    return {n: matrix[i][j] for n, (i, j) in zip(names, entries, strict=True)}
+
+
+def _supervisor(
+    document: Mapping[str, object], model: LoweredModel, time: float, path: Path
+) -> dict[str, Any]:
+    schema = {c.name: (c.unit, math.inf) for c in model.coordinates}
+    schema |= {name: (unit, math.inf) for name, unit in SCALARS.items()}
+    limits = {}
+    for kind in ("capture", "release"):
+        found = _values(_table(document, kind, path), schema, f"{path}: {kind}")
+        rows = [min(v, 1e300) for v in found.values()]
+        limits[f"{kind}_limit"] = [*rows, *([1e300] * (MEASURES - len(rows)))]
+    values = _values(_table(document, "supervisor", path), _SUPERVISOR, f"{path}: supervisor")
+    return {**limits, **values, "sample_time": time}
+
+
+def _values(
+    table: Values, schema: Mapping[str, tuple[str, Any]], where: str, also: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """Return every value of `schema`: a default that is an int asks for a whole number."""
+    _check_keys(table, (*schema, *also), where)
+    found: dict[str, Any] = {}
+    for key, (unit, default) in schema.items():
+        raw = table.get(key, default)
+        if key not in table:
+            found[key] = raw
+        elif isinstance(default, int):
+            if isinstance(raw, bool) or not isinstance(raw, int):
+                raise InputError(f"{where}.{key} is no whole number", remedy=f"give {default}")
+            found[key] = raw
+        else:
+            found[key] = parse_quantity(raw, unit, f"{where}.{key}")
+    return found
+
+
+def _check_keys(table: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{where}: unknown key {key}", remedy=suggestion(key, list(known)))
+
+
+def _table(document: Mapping[str, object], key: str, path: Path) -> Values:
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: {key} must be a table", remedy=f"write [{key}] above it")
+    return table
+
+
+def _word(
+    table: Mapping[str, object], key: str, known: Mapping[str, int], default: str, where: str
+) -> int:
+    word = table.get(key, default)
+    if word not in known:
+        raise InputError(f"{where}.{key} = {word!r}", remedy=suggestion(str(word), list(known)))
+    return known[str(word)]
+
+
+def _row(raw: object, count: int, where: str) -> list[float]:
+    if not isinstance(raw, list) or len(raw) != count:
+        raise InputError(f"{where} is no row of {count} numbers", remedy="order: q, then q'")
+    return [parse_quantity(v, "", where) for v in raw]

@@ -1,0 +1,397 @@
+/* Supervision; see pf_supervisor.h. */
+#include "pf_supervisor.h"
+
+#include <float.h>
+
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "intermediate results are kept in another precision than double: results would differ"
+#endif
+
+#define PRIME 16777619U
+#define TURN 6.283185307179586
+#define INVERSE_TURN 0.15915494309189535
+#define MOST_TURNS 1e9
+#define FORGETTING 1000U /* good periods after which an overrun is forgotten */
+#define LARGEST 0xffffffffU
+
+static int lies_within(double value, double least, double most)
+{
+    return (value >= least) && (value <= most); /* no NaN does */
+}
+
+static uint32_t raised(uint32_t count)
+{
+    return (count < LARGEST) ? count + 1U : count;
+}
+
+static int parameters_are_valid(const pf_supervisor_params_t *params)
+{
+    uint32_t i;
+
+    for (i = 0U; i < PF_MEASURES; ++i) {
+        if (!lies_within(params->capture_limit[i], 0.0, DBL_MAX) ||
+            !lies_within(params->release_limit[i], params->capture_limit[i], DBL_MAX)) {
+            return 0;
+        }
+    }
+    return lies_within(params->sample_time, 1e-6, 1.0)
+        && lies_within(params->shortest_period, 0.0, 1.0)
+        && lies_within(params->longest_period, 1.0, 1000.0)
+        && lies_within(params->watchdog_time, 0.0, 1e6)
+        && lies_within(params->swing_up_timeout, 0.0, 1e6)
+        && (params->capture_periods >= 1U) && (params->release_periods >= 1U);
+}
+
+static void set_mode(pf_supervisor_state_t *state, pf_mode_t mode)
+{
+    state->mode = (uint32_t)mode;
+    state->mode_inverse = ~(uint32_t)mode;
+}
+
+static void set_fault(pf_supervisor_state_t *state, pf_fault_t fault)
+{
+    state->fault = (uint32_t)fault;
+    state->fault_inverse = ~(uint32_t)fault;
+}
+
+static int is_sound(const pf_supervisor_state_t *state)
+{
+    const int faulty = state->fault != (uint32_t)PF_FAULT_NONE;
+
+    return (state->mode == ~state->mode_inverse) && (state->fault == ~state->fault_inverse)
+        && (state->ready == ~state->ready_inverse) && (state->ready <= 1U)
+        && (state->mode <= (uint32_t)PF_MODE_FAULT)
+        && (state->fault <= (uint32_t)PF_FAULT_ATTEMPTS)
+        && (faulty == (state->mode == (uint32_t)PF_MODE_FAULT))
+        && (state->reason <= (uint32_t)PF_REASON_RESET) && (state->started <= 1U);
+}
+
+pf_mode_t pf_supervisor_mode(const pf_supervisor_state_t *state)
+{
+    return is_sound(state) ? (pf_mode_t)state->mode : PF_MODE_FAULT;
+}
+
+/* Member by member: a whole structure would be cleared by a library's memset. */
+static void clear(pf_supervisor_state_t *state)
+{
+    uint32_t i;
+
+    for (i = 0U; i < PF_LOG_LENGTH; ++i) {
+        state->log[i].period = 0U;
+        state->log[i].frame = 0U;
+        state->log[i].from = 0U;
+        state->log[i].to = 0U;
+        state->log[i].reason = 0U;
+        state->log[i].fault = 0U;
+    }
+    state->logged = 0U;
+    state->period = 0U;
+    state->since = 0U;
+    state->inside = 0U;
+    state->outside = 0U;
+    state->frame = 0U;
+    state->heartbeat = 0U;
+    state->silent = 0U;
+    state->overruns = 0U;
+    state->good = 0U;
+    state->releases = 0U;
+    state->reason = (uint32_t)PF_REASON_NONE;
+    state->started = 0U;
+}
+
+pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
+    const pf_supervisor_params_t *params)
+{
+    const uint32_t good = parameters_are_valid(params) ? 1U : 0U;
+
+    clear(state);
+    state->ready = good;
+    state->ready_inverse = ~good;
+    set_mode(state, (good == 1U) ? PF_MODE_IDLE : PF_MODE_FAULT);
+    set_fault(state, (good == 1U) ? PF_FAULT_NONE : PF_FAULT_PARAMETER_BOUNDS);
+    return (good == 1U) ? PF_SUPERVISOR_OK : PF_SUPERVISOR_BAD_PARAMETER;
+}
+
+static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
+    pf_reason_t reason)
+{
+    pf_transition_t *entry = &state->log[state->logged % PF_LOG_LENGTH];
+
+    entry->period = state->period;
+    entry->frame = state->frame;
+    entry->from = (state->mode <= (uint32_t)PF_MODE_FAULT) ? state->mode : (uint32_t)PF_MODE_FAULT;
+    entry->to = (uint32_t)mode;
+    entry->reason = (uint32_t)reason;
+    entry->fault = (uint32_t)fault;
+    state->logged += 1U;
+    set_mode(state, mode);
+    set_fault(state, fault);
+    state->reason = (uint32_t)reason;
+    state->since = 0U;
+    state->inside = 0U;
+    state->outside = 0U;
+}
+
+static pf_fault_t fault_of(uint32_t checks)
+{
+    static const struct {
+        uint32_t check;
+        pf_fault_t fault;
+    } table[] = {
+        {PF_CHECK_PARAMETER_CHECKSUM, PF_FAULT_PARAMETER_CHECKSUM},
+        {PF_CHECK_PARAMETER_BOUNDS, PF_FAULT_PARAMETER_BOUNDS},
+        {PF_CHECK_NOT_FINITE, PF_FAULT_NOT_FINITE},
+        {PF_CHECK_RANGE, PF_FAULT_RANGE},
+        {PF_CHECK_ENCODER_JUMP, PF_FAULT_ENCODER_JUMP},
+        {PF_CHECK_STALE, PF_FAULT_STALE},
+        {PF_CHECK_NUMERIC, PF_FAULT_NUMERIC},
+    };
+    uint32_t i;
+
+    for (i = 0U; i < (uint32_t)(sizeof(table) / sizeof(table[0])); ++i) {
+        if ((checks & table[i].check) != 0U) {
+            return table[i].fault;
+        }
+    }
+    return PF_FAULT_NONE;
+}
+
+/* Count a period that was too long or too short; returns whether it is one too many. */
+static int overruns(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    double elapsed)
+{
+    const double period = params->sample_time;
+
+    if (lies_within(elapsed, params->shortest_period * period, params->longest_period * period)) {
+        state->good = raised(state->good);
+        if ((state->good % FORGETTING == 0U) && (state->overruns > 0U)) {
+            state->overruns -= 1U;
+        }
+        return 0;
+    }
+    state->good = 0U;
+    state->overruns = raised(state->overruns);
+    return state->overruns > params->overruns;
+}
+
+/* What is wrong this period. */
+static pf_fault_t finding(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    const pf_supervisor_input_t *input)
+{
+    const int first = state->started == 0U;
+    const int stale = !first && (input->frame == state->frame);
+    const int late = !first && overruns(state, params, input->elapsed);
+    pf_fault_t fault;
+
+    state->silent = (first || (input->heartbeat != state->heartbeat)) ? 0U : raised(state->silent);
+    state->frame = input->frame;
+    state->heartbeat = input->heartbeat;
+    state->started = 1U;
+    fault = fault_of(input->checks);
+    if (fault != PF_FAULT_NONE) {
+        return fault;
+    }
+    if (!lies_within(input->elapsed, -DBL_MAX, DBL_MAX)) {
+        return PF_FAULT_NOT_FINITE;
+    }
+    if (stale) {
+        return PF_FAULT_STALE;
+    }
+    if (late) {
+        return PF_FAULT_OVERRUN;
+    }
+    if ((params->watchdog_time > 0.0) &&
+        ((double)state->silent * params->sample_time > params->watchdog_time)) {
+        return PF_FAULT_WATCHDOG;
+    }
+    return PF_FAULT_NONE;
+}
+
+/* Whether every measure in use is within its limit. */
+static int all_within(const pf_supervisor_input_t *input, const double *limit)
+{
+    const uint32_t count = (input->measures < PF_MEASURES) ? input->measures : PF_MEASURES;
+    uint32_t i;
+
+    for (i = 0U; i < count; ++i) {
+        if (!lies_within(input->measure[i], 0.0, limit[i])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static void start(pf_supervisor_state_t *state)
+{
+    state->releases = 0U;
+    change(state, PF_MODE_SWING_UP, PF_FAULT_NONE, PF_REASON_STARTED);
+}
+
+static void swing_up(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    const pf_supervisor_input_t *input)
+{
+    const double time = (double)state->since * params->sample_time;
+
+    state->inside = all_within(input, params->capture_limit) ? raised(state->inside) : 0U;
+    if (state->inside >= params->capture_periods) {
+        change(state, PF_MODE_BALANCE, PF_FAULT_NONE, PF_REASON_CAPTURED);
+    } else if ((params->swing_up_timeout > 0.0) && (time > params->swing_up_timeout)) {
+        change(state, PF_MODE_FAULT, PF_FAULT_SWING_UP_TIMEOUT, PF_REASON_FAULT);
+    } else {
+        /* goes on */
+    }
+}
+
+static void balance(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    const pf_supervisor_input_t *input)
+{
+    state->outside = all_within(input, params->release_limit) ? 0U : raised(state->outside);
+    if (state->outside < params->release_periods) {
+        return;
+    }
+    state->releases = raised(state->releases);
+    if ((params->attempts > 0U) && (state->releases >= params->attempts)) {
+        change(state, PF_MODE_FAULT, PF_FAULT_ATTEMPTS, PF_REASON_FAULT);
+    } else {
+        change(state, PF_MODE_SWING_UP, PF_FAULT_NONE, PF_REASON_RELEASED);
+    }
+}
+
+static void obey(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    const pf_supervisor_input_t *input)
+{
+    if ((input->command == (uint32_t)PF_COMMAND_STOP) && (state->mode != (uint32_t)PF_MODE_IDLE)) {
+        change(state, PF_MODE_IDLE, PF_FAULT_NONE, PF_REASON_STOPPED);
+        return;
+    }
+    switch ((pf_mode_t)state->mode) {
+    case PF_MODE_IDLE:
+        if (input->command == (uint32_t)PF_COMMAND_START) {
+            start(state);
+        }
+        break;
+    case PF_MODE_SWING_UP:
+        swing_up(state, params, input);
+        break;
+    case PF_MODE_BALANCE:
+        balance(state, params, input);
+        break;
+    case PF_MODE_FAULT:
+    default:
+        break;
+    }
+}
+
+static void answer(const pf_supervisor_state_t *state, uint32_t entered,
+    pf_supervisor_output_t *output)
+{
+    const uint32_t mode = (uint32_t)pf_supervisor_mode(state);
+    const int active = (mode == (uint32_t)PF_MODE_SWING_UP) || (mode == (uint32_t)PF_MODE_BALANCE);
+
+    output->mode = mode;
+    output->fault = state->fault;
+    output->reason = state->reason;
+    output->entered = entered;
+    output->torque_allowed = active ? 1U : 0U;
+}
+
+void pf_supervisor_step(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
+    const pf_supervisor_input_t *input, pf_supervisor_output_t *output)
+{
+    uint32_t mode;
+    pf_fault_t fault;
+
+    if (!is_sound(state)) {
+        clear(state);
+        state->ready = 0U; /* only init makes it trusted again */
+        state->ready_inverse = ~0U;
+        set_mode(state, PF_MODE_FAULT);
+        set_fault(state, PF_FAULT_STATE_CORRUPT);
+        change(state, PF_MODE_FAULT, PF_FAULT_STATE_CORRUPT, PF_REASON_FAULT);
+        answer(state, 1U, output);
+        return;
+    }
+    mode = state->mode;
+    state->period += 1U;
+    state->since = raised(state->since);
+    fault = parameters_are_valid(params) ? finding(state, params, input)
+                                         : PF_FAULT_PARAMETER_BOUNDS;
+    if (mode == (uint32_t)PF_MODE_FAULT) {
+        if ((fault == PF_FAULT_NONE) && (input->command == (uint32_t)PF_COMMAND_RESET) &&
+            (state->ready == 1U)) {
+            change(state, PF_MODE_IDLE, PF_FAULT_NONE, PF_REASON_RESET);
+        }
+    } else if (fault != PF_FAULT_NONE) {
+        change(state, PF_MODE_FAULT, fault, PF_REASON_FAULT);
+    } else {
+        obey(state, params, input);
+    }
+    answer(state, (state->mode != mode) ? 1U : 0U, output);
+}
+
+void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
+    pf_supervisor_output_t *output)
+{
+    if (pf_supervisor_mode(state) != PF_MODE_FAULT) {
+        change(state, PF_MODE_FAULT, fault, PF_REASON_FAULT);
+        answer(state, 1U, output);
+    }
+}
+
+uint32_t pf_checksum_word(uint32_t sum, uint32_t word)
+{
+    return (sum ^ word) * PRIME;
+}
+
+uint32_t pf_checksum_double(uint32_t sum, double value)
+{
+    union {
+        double value;
+        uint64_t bits;
+    } seen;
+
+    seen.value = value;
+    sum = pf_checksum_word(sum, (uint32_t)(seen.bits >> 32));
+    return pf_checksum_word(sum, (uint32_t)(seen.bits & LARGEST));
+}
+
+double pf_limited(double value, double limit)
+{
+    if (!lies_within(limit, 0.0, DBL_MAX)) {
+        return 0.0;
+    }
+    if (value > limit) {
+        return limit;
+    }
+    if (value < -limit) {
+        return -limit;
+    }
+    return lies_within(value, -limit, limit) ? value : 0.0;
+}
+
+double pf_slewed(double value, double previous, double step, double limit)
+{
+    const double wanted = pf_limited(value, limit);
+
+    if (lies_within(step, 0.0, DBL_MAX) && lies_within(previous, -DBL_MAX, DBL_MAX)) {
+        if (wanted > previous + step) {
+            return pf_limited(previous + step, limit);
+        }
+        if (wanted < previous - step) {
+            return pf_limited(previous - step, limit);
+        }
+    }
+    return wanted;
+}
+
+double pf_nearest_turn(double angle, double reference)
+{
+    const double turns = (angle - reference) * INVERSE_TURN;
+    double whole;
+
+    if (!lies_within(turns, -MOST_TURNS, MOST_TURNS)) {
+        return angle;
+    }
+    whole = (double)(int32_t)((turns < 0.0) ? turns - 0.5 : turns + 0.5);
+    return angle - whole * TURN;
+}
