@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary bench reproduce setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench reproduce \
+  setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -26,6 +27,32 @@ verify: $(READY)
 # The elementary functions at a million points each (minutes), proofs and costs included.
 elementary: $(READY)
 	PFAFFIAN_ELEMENTARY_POINTS=250000 $(BIN)/python -m pytest -n $(JOBS) tests/test_elementary_*.py
+
+# One trajectory of 30,000 periods on every machine there is: its hashes must be one.
+machines: $(READY)
+	PFAFFIAN_FLIGHT_STEPS=30000 $(BIN)/python -m pytest -v -s tests/test_flight_programs.py -k one_trajectory
+
+# Static analysis, sanitizers and proofs; `make test` runs them too. -rs names what is skipped.
+prove: $(READY)
+	$(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py tests/test_eva.py \
+	  tests/test_elementary_proofs.py tests/test_c_contract.py
+
+# The fuzzer for TIME seconds; a million bit flips with their rates.
+TIME ?= 60
+fuzz: $(READY)
+	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
+
+flips: $(READY)
+	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py
+
+# The vectors for builds on other hardware, computed again.
+vectors: $(READY)
+	$(BIN)/python -m pfaffian.derive.verify.vectors pendubot > runtime/vectors/pendubot_vectors.h
+
+# An hour of flight at 1 kHz, in the Linux harness as fast as it goes and on the bare machine.
+soak: $(READY)
+	PFAFFIAN_SOAK_STEPS=3600000 $(BIN)/python -m pytest -s -rs -k "long_flight or soak" \
+	  tests/test_linux_harness.py tests/test_flight_programs.py
 
 bench: $(READY)
 	$(BIN)/pfaffian bench regenerate

@@ -192,7 +192,9 @@ def verify(
 @app.command()
 def build(
     model: Model,
-    target: Annotated[str, typer.Option(help="host or ppc750.")] = "ppc750",
+    target: Annotated[
+        str, typer.Option(help="host, a target's name (pfaffian targets), or its TOML file.")
+    ] = "ppc750",
     toolchain: Annotated[str, typer.Option(help="auto, zig or gcc.")] = "auto",
     folder: Annotated[
         Path | None, typer.Option("-o", "--output", help="Where to put the image.")
@@ -207,6 +209,14 @@ def build(
 
 
 @app.command()
+def targets(json: Json = False) -> None:
+    """List the targets that firmware is built for, and their compilers."""
+    from pfaffian.cli.make import list_targets
+
+    list_targets(json)
+
+
+@app.command()
 def simulate(
     scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
     set_name: FlightSet = None,
@@ -216,21 +226,27 @@ def simulate(
     """Fly a scenario with the controller on this machine."""
     from pfaffian.cli.flights import fly_scenario
 
-    fly_scenario(scenario, "host", set_name, generated, json)
+    fly_scenario(scenario, None, set_name, generated, json)
 
 
 @app.command()
 def pil(
     scenario: Annotated[str, typer.Argument(help="A scenario's name, or its TOML file.")],
-    emulator: Annotated[str, typer.Option(help="unicorn.")] = "unicorn",
+    emulator: Annotated[
+        str, typer.Option(help="unicorn, qemu-user, or qemu-system: a bare machine.")
+    ] = "unicorn",
+    target: Annotated[str, typer.Option(help="A target's name, or its TOML file.")] = "ppc750",
+    budget: Annotated[
+        float, typer.Option(help="Share of a period that a step may take on the bare machine.")
+    ] = 0.1,
     set_name: FlightSet = None,
     generated: Generated = None,
     json: Json = False,
 ) -> None:
-    """Fly a scenario with the controller on the emulated PowerPC 750GX, and compare the bits."""
-    from pfaffian.cli.flights import fly_scenario
+    """Fly a scenario with the controller on an emulated target, and compare the bits."""
+    from pfaffian.cli.flights import Emulated, fly_scenario
 
-    fly_scenario(scenario, emulator, set_name, generated, json)
+    fly_scenario(scenario, Emulated(emulator, target, budget), set_name, generated, json)
 
 
 @app.command()

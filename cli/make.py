@@ -170,7 +170,7 @@ def build_image(
     image, report = build_controller(source, target_name, toolchain)
     if folder:
         suffix = "so" if target_name == "host" else "elf"
-        path = folder / f"{source.manifest.model}-{target_name}.{suffix}"
+        path = folder / f"{source.manifest.model}-{report['target']}.{suffix}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
             path.write_bytes(image)
@@ -183,5 +183,33 @@ def build_image(
         output.emit_json(report)
     else:
         output.table(
-            f"{source.manifest.model} on {target_name}", ("figure", "value"), list(report.items())
+            f"{source.manifest.model} on {report['target']}",
+            ("figure", "value"),
+            list(report.items()),
         )
+
+
+def list_targets(as_json: bool) -> None:
+    """Print every target with its compilers and whether they are installed."""
+    from pfaffian.runtime.errors import MissingToolError
+    from pfaffian.runtime.target_files import read_target, target_paths
+    from pfaffian.runtime.toolchain import find_target
+
+    rows: list[tuple[str, str, str]] = []
+    for name in target_paths():
+        described = read_target(name)
+        found = []
+        for tool in described.toolchains:
+            try:
+                find_target(name, tool.name)
+            except MissingToolError as error:
+                found.append(f"{tool.name} (missing: {error.remedy.removeprefix('install one: ')})")
+            else:
+                found.append(tool.name)
+        rows.append((name, described.title, ", ".join(found)))
+    if as_json:
+        output.emit_json(
+            {"targets": [{"name": n, "title": t, "toolchains": c} for n, t, c in rows]}
+        )
+    else:
+        output.table("targets", ("name", "machine", "compilers"), rows)

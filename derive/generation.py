@@ -6,6 +6,7 @@ import hashlib
 from dataclasses import dataclass
 
 from pfaffian.derive.emit.batch import emit_batch
+from pfaffian.derive.emit.build_files import emit_build_files
 from pfaffian.derive.emit.c import emit_c
 from pfaffian.derive.emit.control import control_constants, control_structures, emit_control
 from pfaffian.derive.emit.emitter import Emission, Emitter
@@ -37,6 +38,7 @@ def generate(emission: Emission) -> Generation:
     )
     for emitter in (*EMITTERS, *(emit for wanted, emit in on_request if wanted)):
         files |= emitter(emission)
+    files |= emit_build_files(emission, files)
     digests = {
         path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
@@ -9,18 +10,14 @@ from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.generated_model import (
     GeneratedFolder,
     GeneratedModel,
+    emulated_model,
     fill_records,
-    ppc750_model,
 )
-from pfaffian.runtime.machine import Ppc750Machine, section_bytes
-from pfaffian.runtime.toolchain import (
-    compile_image,
-    controller_sources,
-    host_target,
-    ppc750_target,
-)
+from pfaffian.runtime.machine import EmulatedMachine, section_bytes
+from pfaffian.runtime.stack import stack_bound
+from pfaffian.runtime.target_files import read_target
+from pfaffian.runtime.toolchain import compile_image, controller_sources, find_target
 
-TARGETS = ("host", "ppc750")
 _SECTIONS = ("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections")
 _MEASURED_STATES = 64
 
@@ -30,42 +27,57 @@ def build_controller(
 ) -> tuple[bytes, dict[str, Any]]:
     """Return the image of init and step alone, and its report.
 
-    The report has `text_bytes` (code and constants), `stack_bytes` and `instructions_per_step`
-    (the worst of some random states; None on the host, where nothing counts them).
+    The report has `text_bytes` (code and constants), `stack_bound_bytes` (by the compiler's frames
+    along the deepest path of calls; None on the host, where the C library is called), and where
+    the target has an emulator `stack_bytes` and `instructions_per_step` (the worst of some random
+    states; None where nothing counts them).
     """
-    if target_name not in TARGETS:
-        raise InputError(
-            f"unknown target {target_name}", remedy=f"known targets: {', '.join(TARGETS)}"
-        )
-    if toolchain not in ("auto", "zig", "gcc"):
-        raise InputError(f"unknown toolchain {toolchain}", remedy="choose auto, zig or gcc")
     name, sources = folder.manifest.model, controller_sources(folder.path, folder.manifest)
     include = folder.path / "c"
-    if target_name == "host":
-        target = host_target(toolchain)
+    target = find_target(target_name, toolchain)
+    bound, stack, instructions = None, None, None
+    if target.name == "host":
         image = compile_image(target, sources, include)
-        stack, instructions = None, None
     else:
-        target = ppc750_target(toolchain)
+        bound = stack_bound(target, sources, include, f"{name}_step")
         keep = (f"-Wl,-e,{name}_step", f"-Wl,-u,{name}_init")
         image = compile_image(target, sources, include, (*_SECTIONS, *keep))
-        instructions, stack = measure_step(ppc750_model(folder, toolchain))
+        _check_elf(image, target_name)
+    if target.unicorn:
+        instructions, stack = measure_step(emulated_model(folder, target))
     sizes = section_bytes(image)
     text = sum(v for k, v in sizes.items() if k.startswith((".text", ".rodata")))
     return image, {
         "model": name,
-        "target": target_name,
+        "target": target.name,
         "compiler": target.description,
         "text_bytes": text,
         "stack_bytes": stack,
+        "stack_bound_bytes": bound,
         "instructions_per_step": instructions,
     }
+
+
+def _check_elf(image: bytes, reference: str) -> None:
+    """Refuse an image that is not for the machine that the target's file names."""
+    from elftools.elf.elffile import ELFFile
+
+    described, elf = read_target(reference), ELFFile(io.BytesIO(image))
+    order = "<" if elf.little_endian else ">"
+    found = (elf["e_machine"], elf.elfclass, order)
+    wanted = (described.machine, described.bits, described.byte_order)
+    if found != wanted:
+        raise InputError(
+            f"target {described.name}: the compiler's flags make an image for {found}, "
+            f"and the target's file says {wanted}",
+            remedy="mend flags, machine, bits or byte_order there",
+        )
 
 
 def measure_step(model: GeneratedModel) -> tuple[int, int]:
     """Return the most instructions and stack bytes of one step over random states."""
     machine = model.machine
-    assert isinstance(machine, Ppc750Machine)
+    assert isinstance(machine, EmulatedMachine)
     rng = np.random.default_rng(1)
     manifest = model.folder.manifest
     params = fill_records(

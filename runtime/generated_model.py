@@ -14,9 +14,10 @@ import numpy as np
 from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.machine import HostMachine, Machine, Ppc750Machine
+from pfaffian.runtime.machine import EmulatedMachine, HostMachine, Machine
 from pfaffian.runtime.manifest import MANIFEST_NAME, OPTIONAL_ROLES, ROLES, Manifest, read_manifest
 from pfaffian.runtime.toolchain import (
+    Target,
     compile_image,
     harness_sources,
     host_target,
@@ -306,13 +307,16 @@ def twice_rounding_model(folder: GeneratedFolder, toolchain: str = "auto") -> Ge
     return GeneratedModel(folder, HostMachine(image))
 
 
+def emulated_model(folder: GeneratedFolder, target: Target) -> GeneratedModel:
+    """Build `folder` for `target` and load it into its emulator."""
+    sources = harness_sources(folder.path, folder.manifest)
+    image = compile_image(target, sources, folder.path / "c", ("-Wl,-e,pf_target_check",))
+    return GeneratedModel(folder, EmulatedMachine(image, target.unicorn, target.name))
+
+
 def ppc750_model(folder: GeneratedFolder, toolchain: str = "auto") -> GeneratedModel:
     """Build `folder` for the PowerPC 750 and load it into the emulator."""
-    sources = harness_sources(folder.path, folder.manifest)
-    image = compile_image(
-        ppc750_target(toolchain), sources, folder.path / "c", ("-Wl,-e,pf_target_check",)
-    )
-    return GeneratedModel(folder, Ppc750Machine(image))
+    return emulated_model(folder, ppc750_target(toolchain))
 
 
 def fill_records(records: Records, values: dict[str, float]) -> Records:

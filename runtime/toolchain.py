@@ -10,13 +10,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from pfaffian.runtime.cache import cached, digest
-from pfaffian.runtime.errors import CheckError, MissingToolError
+from pfaffian.runtime.errors import CheckError, InputError, MissingToolError
 from pfaffian.runtime.manifest import Manifest
+from pfaffian.runtime.target_files import TOOLCHAINS, Toolchain, read_target
 
 #: Flags every build needs for the same bits: no contraction, no library of the compiler's own.
 COMMON_FLAGS = (
@@ -26,15 +27,6 @@ COMMON_FLAGS = (
     "-fno-math-errno",
     "-g0",
     "-fomit-frame-pointer",
-)
-#: Build for a 32-bit big-endian PowerPC 750 without an operating system.
-PPC750_FLAGS = ("-mcpu=750", "-ffreestanding", "-fno-builtin", "-nostdlib", "-static")
-ZIG_PPC_FLAGS = (
-    "-target",
-    "powerpc-freestanding-eabihf",
-    "-fno-sanitize=all",
-    "-fomit-frame-pointer",  # zig keeps one by default: five instructions a function
-    "-Wl,--image-base=0x10000",
 )
 #: The same processor under an operating system's ABI, without its start-up code.
 PPC750_LIBM_FLAGS = (
@@ -47,23 +39,29 @@ PPC750_LIBM_FLAGS = (
     "-Wl,--image-base=0x10000",
 )
 GCC_PPC = "powerpc-linux-gnu-gcc"
-GCC_PPC_FLAGS = ("-fno-pie", "-no-pie", "-Wl,-Ttext-segment=0x10000")
 
 
 @dataclass(frozen=True)
 class Target:
-    """A machine to build for: compiler command, flags, byte order and how it is run."""
+    """A machine to build for: compiler command, flags, byte order and how it is run.
+
+    `link` are the flags that only an image needs, `unicorn` the emulator's family and processor,
+    `red_zone` the bytes below the stack pointer that a function may use unasked.
+    """
 
     name: str
     command: tuple[str, ...]
     flags: tuple[str, ...]
     byte_order: str
+    link: tuple[str, ...] = ()
+    unicorn: str = ""
+    red_zone: int = 0
 
     @property
     def description(self) -> str:
         """Return the compiler and the flags that decide the code, without any path."""
         words = "zig cc" if "ziglang" in self.command else Path(self.command[0]).name
-        return " ".join((words, *COMMON_FLAGS, *self.flags))
+        return " ".join((words, *COMMON_FLAGS, *self.flags, *self.link))
 
 
 def host_target(toolchain: str = "auto", fma: bool = False) -> Target:
@@ -87,17 +85,85 @@ def host_target(toolchain: str = "auto", fma: bool = False) -> Target:
     )
 
 
+def find_target(reference: str, toolchain: str = "auto") -> Target:
+    """Return a target of `target_files`, or the host, with the first of its compilers there is.
+
+    Raises `InputError` for an unknown target or toolchain, `MissingToolError` without a compiler.
+    """
+    if toolchain not in ("auto", *TOOLCHAINS):
+        raise InputError(f"unknown toolchain {toolchain}", remedy="choose auto, zig or gcc")
+    if reference == "host":
+        return host_target(toolchain)
+    described = read_target(reference)
+    fitting = [t for t in described.toolchains if toolchain in ("auto", t.name)]
+    for tool in fitting:
+        command = _zig() if tool.name == "zig" else (tool.command,)
+        if importlib.util.find_spec("ziglang") if tool.name == "zig" else shutil.which(command[0]):
+            return Target(
+                described.name,
+                command,
+                tool.flags,
+                described.byte_order,
+                tool.link,
+                described.unicorn,
+                described.red_zone,
+            )
+    if not fitting:
+        raise InputError(
+            f"target {described.name} has no toolchain {toolchain}",
+            remedy=f"choose one of {', '.join(t.name for t in described.toolchains)}",
+        )
+    raise MissingToolError(
+        f"no compiler found for target {described.name} (toolchain {toolchain}): {described.title}",
+        remedy="install one: " + " or ".join(_how_to_get(t) for t in fitting),
+    )
+
+
+def program_target(reference: str) -> tuple[Target, tuple[str, ...]]:
+    """Return `reference` as a target of whole Linux programs, and what runs them here.
+
+    Raises `InputError` where its file names no such programs, `MissingToolError` without the
+    compiler, its C library or the emulator.
+    """
+    described = read_target(reference)
+    tool = next((t for t in described.toolchains if t.program), None)
+    if tool is None or not described.qemu_user:
+        raise InputError(
+            f"target {described.name} runs no Linux programs",
+            remedy="give its file qemu_user, and [toolchain.gcc] program",
+        )
+    for command, package in (
+        (tool.command, tool.package),
+        (described.qemu_user[0], "qemu-user"),
+    ):
+        if not shutil.which(command):
+            raise MissingToolError(
+                f"no {command} found for target {described.name}",
+                remedy=f"install it: apt-get install {package}",
+            )
+    asked = [tool.command, "-print-file-name=libc.a"]  # answers with a path where there is one
+    answer = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=60).stdout
+    if not Path(answer.strip()).is_absolute():
+        raise MissingToolError(
+            f"no C library found for target {described.name}",
+            remedy=f"install it: apt-get install {tool.program_package}",
+        )
+    name = f"{described.name}-program"
+    return (
+        Target(name, (tool.command,), tool.flags, described.byte_order, tool.program),
+        described.qemu_user,
+    )
+
+
+def _how_to_get(tool: Toolchain) -> str:
+    if tool.name == "zig":
+        return "pip install 'pfaffian[target]' for zig"
+    return f"apt-get install {tool.package}"
+
+
 def ppc750_target(toolchain: str = "auto") -> Target:
     """Return the PowerPC 750 as a target; raise `MissingToolError` without a compiler for it."""
-    if toolchain in ("auto", "zig") and importlib.util.find_spec("ziglang"):
-        return Target("ppc750", _zig(), (*ZIG_PPC_FLAGS, *PPC750_FLAGS), ">")
-    if toolchain in ("auto", "gcc") and shutil.which(GCC_PPC):
-        return Target("ppc750", (GCC_PPC,), (*GCC_PPC_FLAGS, *PPC750_FLAGS), ">")
-    raise MissingToolError(
-        f"no compiler for PowerPC found (toolchain {toolchain})",
-        remedy="install one: pip install 'pfaffian[target]' for zig, "
-        "or apt-get install gcc-powerpc-linux-gnu",
-    )
+    return find_target("ppc750", toolchain)
 
 
 def ppc750_libm_target() -> Target:
@@ -196,17 +262,17 @@ def compile_image(
 ) -> bytes:
     """Return the linked image of `sources` for `target`, from the cache where it is known.
 
-    Headers come from `include` and the folders `also`. Raises `CheckError` with the compiler's own
-    words where it refuses.
+    `also` are further folders of headers and linker scripts. Raises `CheckError` with the
+    compiler's own words where it refuses.
     """
     folders = (include, *also)
-    headers = [path for folder in folders for path in sorted(folder.glob("*.h"))]
+    headers = sorted(p for f in folders for p in (*f.glob("*.h"), *f.glob("*.ld")))
     version = subprocess.run(
         [*target.command, "--version"], capture_output=True, check=False, timeout=120
     ).stdout
     key = digest(
         version,  # and the words: `gcc -m32` calls itself what `gcc` does
-        repr((target.name, target.command, target.flags, COMMON_FLAGS, tuple(extra))).encode(),
+        repr((*astuple(target), COMMON_FLAGS, tuple(extra))).encode(),
         b"absolute paths",  # images of relative ones may hold another folder's headers
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
@@ -223,6 +289,7 @@ def _compile(
             *target.command,
             *COMMON_FLAGS,
             *target.flags,
+            *target.link,
             *extra,
             # Absolute: zig's own cache takes the same words for the same headers in any folder.
             *(f"-I{folder.resolve()}" for folder in folders),

@@ -177,7 +177,10 @@ def no_compiler(monkeypatch):
         ),
         ("build pendubot --target host --toolchain gcc", ("no gcc found", "apt-get install gcc")),
         ("build pendubot --target host --toolchain zig", ("no zig found", "pip install ziglang")),
-        ("build pendubot", ("no compiler for PowerPC found", "pip install 'pfaffian[target]'")),
+        (
+            "build pendubot",
+            ("no compiler found for target ppc750", "pip install 'pfaffian[target]'"),
+        ),
         ("build pendubot --toolchain gcc", ("PowerPC", "apt-get install gcc-powerpc-linux-gnu")),
         ("simulate section-5.1-paper", ("no C compiler found", "apt-get install gcc")),
         ("verify pendubot --samples 1", ("no C compiler found", "pip install ziglang")),

@@ -22,6 +22,7 @@ from pfaffian.runtime.scenario import scenario_paths
 
 COMMANDS = (
     "models",
+    "targets",
     "derive",
     "audit",
     "design",

@@ -53,7 +53,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def image(target: Target, folder: Path, entry: str, *extra: str, names: tuple[str, ...]) -> bytes:
-    flags = (*COMMON_FLAGS, *target.flags, *extra, f"-Wl,-e,{entry}")
+    flags = (*COMMON_FLAGS, *target.flags, *target.link, *extra, f"-Wl,-e,{entry}")
     run((*target.command, *flags, *names, "-o", f"{entry}.elf"), folder)
     return (folder / f"{entry}.elf").read_bytes()
 

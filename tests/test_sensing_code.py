@@ -9,7 +9,8 @@ from importlib.util import find_spec
 
 import pytest
 from pfaffian.runtime.sensing import sensing_sources
-from pfaffian.runtime.toolchain import COMMON_FLAGS, GCC_PPC, PPC750_FLAGS, ZIG_PPC_FLAGS
+from pfaffian.runtime.target_files import read_target
+from pfaffian.runtime.toolchain import COMMON_FLAGS, GCC_PPC
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow"),
@@ -26,9 +27,10 @@ COMPILERS = [
     pytest.param(("gcc",), id="gcc", marks=needs_gcc),
     pytest.param(ZIG, id="zig", marks=needs_zig),
 ]
+PPC750 = {t.name: t.flags for t in read_target("ppc750").toolchains}
 TARGETS = [
-    pytest.param((GCC_PPC, "-fno-pie", *PPC750_FLAGS), id="gcc", marks=needs_gcc_ppc),
-    pytest.param((*ZIG, *ZIG_PPC_FLAGS[:3], *PPC750_FLAGS), id="zig", marks=needs_zig),
+    pytest.param((GCC_PPC, *PPC750["gcc"]), id="gcc", marks=needs_gcc_ppc),
+    pytest.param((*ZIG, *PPC750["zig"]), id="zig", marks=needs_zig),
 ]
 
 
