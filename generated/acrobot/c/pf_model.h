@@ -32,4 +32,19 @@
 #define PF_ENERGY acrobot_energy
 #define PF_PLANT_STEP acrobot_plant_step
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->q1 = plant->q1;
+    input->q2 = plant->q2;
+    input->dq1 = plant->dq1;
+    input->dq2 = plant->dq2;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->tau = output->tau;
+}
+
 #endif

@@ -47,7 +47,7 @@ double pf_sqrt_rare(double x)
     const uint64_t above = UINT64_C(0x3ff) + (exponent & 1u);
     const double f = pf_double_of((bits & UINT64_C(0x000fffffffffffff)) | above << 52);
     const uint64_t power = (exponent >> 1) - 1u; /* biased, half + 1023 */
-    return pf_sqrt_software(f) * pf_double_of(power << 52); /* exact */
+    return pf_sqrt_by_seed(f) * pf_double_of(power << 52); /* exact */
 }
 
 double pf_sqrt(double x)

@@ -29,8 +29,11 @@ static inline double pf_fms(double a, double b, double c)
 static inline double pf_fnms(double a, double b, double c)
 {
     double below = __builtin_fma(a, b, -c); /* clang makes one instruction of this form only */
-#if defined(__FP_FAST_FMA) && !defined(__clang__) && !defined(__powerpc__)
-    /* gcc would compute c - a b at once, where a zero has the other sign. */
+#if defined(__ARM_FEATURE_FMA) && (__ARM_FP & 0x8)
+    /* Arm's own instruction for it computes c - a b at once, where a zero has the other sign. */
+    __asm__("" : "+w"(below));
+#elif defined(__FP_FAST_FMA) && !defined(__clang__) && !defined(__powerpc__)
+    /* And so would gcc. */
 #if defined(__x86_64__) || defined(__i386__)
     __asm__("" : "+x"(below));
 #else

@@ -36,4 +36,19 @@
 #define PF_HAS_SWING_UP 1
 #define PF_SWING_UP furuta_swing_up
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->theta = plant->theta;
+    input->alpha = plant->alpha;
+    input->dtheta = plant->dtheta;
+    input->dalpha = plant->dalpha;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->tau = output->tau;
+}
+
 #endif

@@ -32,4 +32,22 @@
 #define PF_ENERGY pvtol_energy
 #define PF_PLANT_STEP pvtol_plant_step
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->x = plant->x;
+    input->y = plant->y;
+    input->theta = plant->theta;
+    input->dx = plant->dx;
+    input->dy = plant->dy;
+    input->dtheta = plant->dtheta;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->thrust = output->thrust;
+    applied->moment = output->moment;
+}
+
 #endif

@@ -32,4 +32,19 @@
 #define PF_ENERGY reaction_wheel_energy
 #define PF_PLANT_STEP reaction_wheel_plant_step
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->theta = plant->theta;
+    input->phi = plant->phi;
+    input->dtheta = plant->dtheta;
+    input->dphi = plant->dphi;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->tau = output->tau;
+}
+
 #endif

@@ -32,4 +32,19 @@
 #define PF_ENERGY tora_energy
 #define PF_PLANT_STEP tora_plant_step
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->x = plant->x;
+    input->theta = plant->theta;
+    input->dx = plant->dx;
+    input->dtheta = plant->dtheta;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->u = output->u;
+}
+
 #endif

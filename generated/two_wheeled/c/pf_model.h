@@ -32,4 +32,19 @@
 #define PF_ENERGY two_wheeled_energy
 #define PF_PLANT_STEP two_wheeled_plant_step
 
+/* What a simulated plant shows its controller at a time [s], and what it takes from it. */
+static inline void pf_measure(const PF_PLANT_STATE_T *plant, double seconds, PF_INPUT_T *input)
+{
+    input->phi = plant->phi;
+    input->psi = plant->psi;
+    input->dphi = plant->dphi;
+    input->dpsi = plant->dpsi;
+    (void)seconds;
+}
+
+static inline void pf_apply(const PF_OUTPUT_T *output, PF_PLANT_INPUT_T *applied)
+{
+    applied->u = output->u;
+}
+
 #endif
