@@ -390,7 +390,7 @@ uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t num
 {
     const volatile pf_supervisor_state_t *seen = state;
     const volatile pf_transition_t *entry = &seen->log[number % PF_LOG_LENGTH];
-    uint32_t back;
+    uint32_t logged;
 
     transition->period = entry->period;
     transition->frame = entry->frame;
@@ -398,8 +398,8 @@ uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t num
     transition->to = entry->to;
     transition->reason = entry->reason;
     transition->fault = entry->fault;
-    back = seen->logged - number; /* read last: the oldest entry may be overwritten meanwhile */
-    return ((back >= 1U) && (back < PF_LOG_LENGTH)) ? 1U : 0U;
+    logged = seen->logged; /* read last: the oldest entry may be overwritten meanwhile */
+    return ((number < logged) && ((logged - number) < PF_LOG_LENGTH)) ? 1U : 0U;
 }
 
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word)

@@ -162,7 +162,7 @@ void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
 pf_mode_t pf_supervisor_mode(const pf_supervisor_state_t *state);
 
 /* Copies transition `number`, from 0, and returns 1; returns 0 where it is not there yet, or no
- * longer: the last PF_LOG_LENGTH - 1 are. An interrupt or a thread on the same core may call it
+ * longer: the last PF_LOG_LENGTH - 1 are, but those before the count wrapped. An interrupt or a thread on the same core may call it
  * while the supervisor runs; between cores the caller orders memory. */
 uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t number,
     pf_transition_t *transition);
