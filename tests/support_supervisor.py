@@ -62,10 +62,10 @@ class Unit:
 
     def bring_to(self, mode):
         """Lead it from IDLE to `mode`, and return itself."""
+        self.run(2, measure=OUTSIDE)
         if mode == Mode.FAULT:
             self.run(1, checks=Check.RANGE)
         elif mode != Mode.IDLE:
-            self.run(2, measure=OUTSIDE)
             self.run(1, measure=OUTSIDE, command=Order.START)
             if mode == Mode.BALANCE:
                 self.run(int(self.params["capture_periods"][0]))
@@ -85,8 +85,8 @@ class Unit:
 
 def fnv(words, sums):
     """Return the checksums uint32 (k,) after one more word each."""
-    mixed = (sums ^ words).astype(np.uint64) * np.uint64(16777619)
-    return (mixed & np.uint64(0xFFFFFFFF)).astype(np.uint32)
+    mixed = ((sums ^ words).astype(np.uint64) * np.uint64(16777619)).astype(np.uint32)
+    return mixed ^ (mixed >> np.uint32(15))
 
 
 def sealed(state):

@@ -404,7 +404,9 @@ uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t num
 
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word)
 {
-    return (sum ^ word) * PRIME;
+    const uint32_t mixed = (sum ^ word) * PRIME;
+
+    return mixed ^ (mixed >> 15); /* else the highest bits of two words would cancel */
 }
 
 uint32_t pf_checksum_double(uint32_t sum, double value)

@@ -168,7 +168,8 @@ uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t num
     pf_transition_t *transition);
 
 /* Checksum of a parameter block, word by word, from PF_CHECKSUM_SEED on. Every change of one word
- * changes the result: xor with a word and multiplication by an odd number are both invertible. */
+ * changes the result, for each operation on the sum can be undone; of changes of several words
+ * about one in 2^32 does not. */
 #define PF_CHECKSUM_SEED 2166136261U
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word);
 uint32_t pf_checksum_double(uint32_t sum, double value); /* the high word first */
