@@ -17,6 +17,7 @@ REMEMBERED = {
     "constraint_offset": (-1e4, 1e4),
     "drift_previous": (-1e4, 1e4),
     "bound_estimate": (0.0, 1e3),
+    "tau_previous": (-1e4, 1e4),
 }
 WHOLE = ("pendubot", "acrobot", "cart_pole", "furuta", "two_wheeled")
 #: No alarm in these either; the choice of the limit is more than Eva's domains relate.

@@ -24,8 +24,8 @@ typedef struct {
     double ddq2_ref; /* acceleration of the reference of q2 [rad/s^2] */
     double row_q1; /* weight of the error of q1 in the constraint [1/s] */
     double row_q2; /* weight of the error of q2 in the constraint [1/s] */
-    double row_dq1; /* weight of the error of dq1 in the constraint [] */
-    double row_dq2; /* weight of the error of dq2 in the constraint [] */
+    double row_dq1; /* weight of the error of dq1 in the constraint */
+    double row_dq2; /* weight of the error of dq2 in the constraint */
     double row_q1_rate; /* rate of the weight of the error of q1 in the constraint [1/s^2] */
     double row_q2_rate; /* rate of the weight of the error of q2 in the constraint [1/s^2] */
     double row_dq1_rate; /* rate of the weight of the error of dq1 in the constraint [1/s] */
