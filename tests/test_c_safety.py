@@ -359,6 +359,7 @@ def test_a_law_that_saturates_at_once_still_engages(host):
 
 
 _DRIVER = """
+#include <float.h>
 #include <stdio.h>
 #include "pendubot.h"
 int main(void)
@@ -371,7 +372,7 @@ int main(void)
     while (fread(&state, sizeof state, 1, stdin) == 1 && fread(&params, sizeof params, 1, stdin)
         && fread(&input, sizeof input, 1, stdin)) {
         int status = (int)pendubot_step(&state, &params, &input, &output);
-        if (!(output.tau <= 1e308 && output.tau >= -1e308) || status < 0 || status > 5) {
+        if (!(output.tau <= DBL_MAX && output.tau >= -DBL_MAX) || status < 0 || status > 5) {
             return 3;
         }
         (void)pendubot_init(&state, &params);

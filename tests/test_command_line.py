@@ -27,6 +27,8 @@ COMMANDS = (
     "audit",
     "design",
     "plan",
+    "campaign",
+    "reproduce",
     "certify",
     "generate",
     "verify",

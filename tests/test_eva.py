@@ -17,6 +17,7 @@ REMEMBERED = {
     "constraint_offset": (-1e4, 1e4),
     "drift_previous": (-1e4, 1e4),
     "bound_estimate": (0.0, 1e3),
+    "tau_previous": (-1e4, 1e4),
 }
 WHOLE = ("pendubot", "acrobot", "cart_pole", "furuta", "two_wheeled")
 #: No alarm in these either; the choice of the limit is more than Eva's domains relate.
@@ -59,9 +60,15 @@ def test_a_step_has_no_alarm(model, name, tmp_path):
 
 
 FAULTS = {
-    "a limit that is not kept": ("(torque_limit < pf_abs(torque))", "(9.0 < pf_abs(torque))"),
+    "a limit that is not kept": (
+        "(torque_limit < pf_abs(torque_slewed))",
+        "(9.0 < pf_abs(torque_slewed))",
+    ),
     "a division by what may be zero": ("1.0 / det_m", "1.0 / (det_m - 4e-05)"),
-    "a sign forgotten": ("((torque < 0.0) ? (-torque_limit) : torque_limit)", "torque_limit * 2.0"),
+    "a sign forgotten": (
+        "((torque_slewed < 0.0) ? (-torque_limit) : torque_limit)",
+        "torque_limit * 2.0",
+    ),
 }
 
 

@@ -66,7 +66,7 @@ FAULTS = {
         "if (!(finite < 1.0)) {\n        return rejected",
         "if (0) {\n        return rejected",
     ),
-    "a saturation left out": ("(saturated ? ((torque", "(0 ? ((torque"),
+    "a saturation left out": ("? ((torque_slewed < 0.0) ?", "&& 0 ? ((torque_slewed < 0.0) ?"),
 }
 
 

@@ -62,6 +62,8 @@ def test_every_finding_has_a_reason_and_every_reason_a_finding():
     sources += sorted((RUNTIME / "ppc_bare").glob("*.c"))
     findings = check(sources, c, RUNTIME)
     assert not unexplained(findings, "pendubot")
+    plain = open_generated("chain").path / "c"  # without a complete controller
+    findings += check([plain / "chain.c"], plain)
     assert {rule for rule, *_ in findings} == set(deviations())
 
 

@@ -279,16 +279,20 @@ def test_step_on_garbage_says_what_c_says(host, spoiled):
     host.step(after, params, measured, output, status)
     batch = (given("state", state), given("params", params), given("input", measured))
     advanced, result, codes = quietly(MODULE.step, *batch)
-    assert ((codes >= MODULE.BAD_INPUT) == (status >= MODULE.BAD_INPUT)).all()
-    assert (codes == status)[~at_the_limit(output, params)].all()
+    parted = (codes >= MODULE.BAD_INPUT) != (status >= MODULE.BAD_INPUT)
+    # One product that C does not round and NumPy does may be infinite for NumPy alone.
+    largest = np.max([np.abs(output[n]) for n in output.dtype.names], axis=0)
+    assert (largest[parted] > 1e300).all()
+    assert parted.mean() < 1e-4
+    assert (codes == status)[~at_the_limit(output, params) & ~parted].all()
     assert (codes == status).mean() > 0.9999
     for name, column in columns_of(result).items():
         assert np.isfinite(column).all(), name
         assert not column[codes >= MODULE.BAD_INPUT].any(), name
     good = codes < MODULE.BAD_INPUT
     assert (np.abs(result.tau[good]) <= params["torque_limit"][good]).all()
-    refused = raw(after)[:, ~good] == raw(state)[:, ~good]
-    assert refused.all()
+    refused = ~good & ~parted
+    assert (raw(after)[:, refused] == raw(state)[:, refused]).all()
     for name, column in columns_of(advanced).items():
         kept = column[~good].astype(state.dtype[name])
         assert kept.tobytes() == state[name][~good].tobytes(), name

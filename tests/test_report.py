@@ -198,7 +198,7 @@ def test_shows_the_figures(page: str, flights: tuple[Trajectory, ...]) -> None:
         str(manifest.operations["step"]),
         manifest.model_sha256,
         manifest.parameters_sha256,
-        "6 of 6 identities proved",
+        "8 of 8 identities proved",
     ):
         assert words in text, words
     for flight in flights:
@@ -254,7 +254,7 @@ def test_unproved_identity_is_said(flights: tuple[Trajectory, ...], tmp_path: Pa
         _data(flights[:1]), folder=GeneratedFolder(folder, flights[0].scenario.folder.manifest)
     )
     text = _text(render_report(data))
-    assert "Only 5 of 6 identities" in text
+    assert "Only 7 of 8 identities" in text
     assert text.count(": not proved") == 1
 
 

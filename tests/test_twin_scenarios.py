@@ -159,7 +159,7 @@ def test_a_jump_blinds_the_balance_unit_which_says_so(written):
 def test_the_packaged_twins_are_found_after_the_plain_scenarios():
     names = list(scenario_paths())
     twins = [n for n, p in scenario_paths().items() if p.parent.name == "twin"]
-    assert twins == names[-len(twins) :] == ["rig-balance-twin", "rig-pushed-twin"]
+    assert twins == names[-len(twins) :] == ["rig-balance-twin", "rig-pushed-twin", "rig-swing-up"]
 
 
 KEYS = (

@@ -33,9 +33,7 @@ def emit_follow(emission: Emission) -> dict[str, str]:
         "model": model.name,
         "guard": model.name.upper(),
         "reference": reference.name,
-        "members": [
-            {"name": m, "text": comment_text(f"{units[m][1]} [{units[m][0]}]")} for m in names
-        ],
+        "members": [{"name": m, "text": comment_text(_described(*units[m]))} for m in names],
         "domain": domain(model, precision),
         "limits": model.limits,
         "outputs": structures["output"].names(),
@@ -79,3 +77,7 @@ def _plan(emission: Emission, plan: PlanTable) -> dict[str, object]:
         "defect": f"{plan.defect:.2g}",
         "nodes": [", ".join(text(v) for v in node) for node in plan.nodes],
     }
+
+
+def _described(unit: str, description: str) -> str:
+    return f"{description} [{unit}]" if unit else description

@@ -136,7 +136,7 @@ def verify(
                     differs &= ~known
                 mismatches += int(differs.sum())
                 compared += for_target if function == "step" else 0
-            if function == "step":
+            if function in ("step", "swing_up"):
                 _count_branches(branches, block, judge.last_exact, samples)
             done += count
             if progress:

@@ -417,8 +417,8 @@ uint32_t pf_checksum_double(uint32_t sum, double value)
     } seen;
 
     seen.value = value;
-    sum = pf_checksum_word(sum, (uint32_t)(seen.bits >> 32));
-    return pf_checksum_word(sum, (uint32_t)(seen.bits & LARGEST));
+    return pf_checksum_word(pf_checksum_word(sum, (uint32_t)(seen.bits >> 32)),
+        (uint32_t)(seen.bits & LARGEST));
 }
 
 double pf_limited(double value, double limit)
