@@ -176,10 +176,14 @@ def likely(rng, count):
     params[: count // 2] = parameters(watchdog_time=3.0, swing_up_timeout=2.0, attempts=2)
     for name in ("capture_periods", "release_periods", "attempts", "overruns"):
         params[name] >>= rng.integers(0, 32, count).astype(np.uint32)
-    for name, below in (("mode", 4), ("ready", 2), ("reason", 7), ("started", 2)):
+    ranges = {"mode": 4, "ready": 2, "reason": 7, "started": 2}
+    for name, below in ranges.items():
         state[name] %= below
     faulty = state["mode"] == Mode.FAULT
-    state["fault"] = np.where(faulty, 1 + state["fault"] % len([f for f in Fault if f]), 0)
+    fault = state["fault"] % len(Fault)
+    state["fault"] = np.where(faulty, np.maximum(fault, 1), 0)
+    for name in (*ranges, "fault"):  # what never is, under a seal that fits
+        state[name] = np.where(rng.random(count) < 0.01, rng.integers(0, 20, count), state[name])
     for name in ("inside", "outside", "silent", "overruns", "releases", "since"):
         state[name] >>= rng.integers(0, 33, count).astype(np.uint64).clip(0, 31).astype(np.uint32)
     kept = state["seal"].copy(), state["mode_inverse"].copy()

@@ -378,8 +378,10 @@ void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
         distrust(state);
     } else if (state->mode != (uint32_t)PF_MODE_FAULT) {
         change(state, PF_MODE_FAULT, known ? fault : PF_FAULT_NUMERIC, PF_REASON_FAULT);
+    } else if (output->entered != 1U) {
+        entered = 0U; /* latched in an earlier period */
     } else {
-        entered = (output->entered == 1U) ? 1U : 0U; /* as the step found it */
+        /* latched by the step of this one */
     }
     state->seal = seal_of(state);
     answer(state, entered, output);
