@@ -28,6 +28,8 @@ NEEDED = (
     *("templates/c/controller.c.j2", "templates/python/model.py.j2", "runtime/c/pf_harness.c"),
     *("templates/bench/hand.c", "templates/bench/hand.h"),
     *("runtime/c/pf_sensing.c", "runtime/c/pf_sensing.h", "runtime/c/pf_sensing_harness.c"),
+    *("runtime/c/pf_supervisor.c", "runtime/c/pf_supervisor.h"),
+    "runtime/c/pf_supervisor_harness.c",
     *("generated/pendubot/c/pendubot.c", "generated/pendubot/manifest.json"),
     *("generated/pendubot/pendubot.py", "runtime/scenarios/section-5.1-designed.toml"),
 )

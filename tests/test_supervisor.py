@@ -1,10 +1,21 @@
 """The supervisor in C: every transition with its reason, every fault at once, and latched."""
 
+import re
 from functools import partial
 
 import numpy as np
 import pytest
-from pfaffian.runtime.supervision import Check, Fault, Mode, Order, Reason
+from conftest import REPOSITORY
+from pfaffian.runtime.errors import CheckError
+from pfaffian.runtime.supervision import (
+    Check,
+    Fault,
+    Mode,
+    Order,
+    Reason,
+    SupervisorModule,
+    supervisor_sources,
+)
 from support_supervisor import (
     BETWEEN,
     HOST,
@@ -17,6 +28,7 @@ from support_supervisor import (
 
 IDLE, SWING_UP, BALANCE, FAULT = Mode
 NONE, START, STOP, RESET = Order
+FOLDER = supervisor_sources()[0].parent
 
 
 def test_every_transition_has_its_reason_and_its_debounce():
@@ -311,10 +323,23 @@ def test_trip_stops_at_once_keeps_the_first_fault_and_takes_no_unknown_one():
         assert len(unit.log()) == 3
 
 
-def test_images_with_other_structures_are_refused():
-    from pfaffian.runtime.errors import CheckError
-    from pfaffian.runtime.supervision import SupervisorModule
+def test_names_are_those_of_the_header_and_the_table_in_the_docs_has_every_fault():
+    header = (FOLDER / "pf_supervisor.h").read_text(encoding="utf-8")
+    for prefix, names in (
+        ("PF_MODE_", Mode),
+        ("PF_COMMAND_", Order),
+        ("PF_FAULT_", Fault),
+        ("PF_REASON_", Reason),
+        ("PF_CHECK_", Check),
+    ):
+        found = re.findall(rf"\b{prefix}(\w+) =? ?(0x[0-9a-f]+|\d+)", header)
+        assert {n: int(value, 0) for n, value in found} == {n.name: n.value for n in names}
+    text = (REPOSITORY / "docs" / "supervisor.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([A-Z_]+)` \|", text, re.MULTILINE)
+    assert sorted(rows) == sorted(f.name for f in Fault if f)
 
+
+def test_images_with_other_structures_are_refused():
     class Other:
         name, byte_order = "other", "="
         call = partial(lambda self, *words: 8, None)
