@@ -142,16 +142,16 @@ def test_two_turns_away_is_the_same_place(flight):
 
 
 def test_the_energy_law_is_used_where_it_is_chosen_and_where_the_plan_is_left():
-    chosen = swung({"swing_up": 1}, 0.5)
+    chosen = swung({"swing_up": "energy"}, 0.5)
     assert set(chosen.signals["phase"][5:, 0].tolist()) == {1}
     left = swung({"plan_error_q1": 1e-4}, 0.5)
     assert left.signals["phase"][5, 0] == 2
     assert left.signals["phase"][-1, 0] == 1
-    none = swung({"swing_up": 0}, 0.2)
+    none = swung({"swing_up": "none"}, 0.2)
     assert not none.signals["tau"].any()
 
 
-@pytest.mark.parametrize("law", [1, 2])
+@pytest.mark.parametrize("law", ["nominal", "feedback"])
 def test_the_baselines_hold_it_too(law):
     found = swung({"balance": law}, 6.0).statistics
     assert found.balance_time[0] < 1.5
@@ -202,7 +202,7 @@ def test_every_flipped_parameter_is_a_fault_in_the_same_period(module):
         record[name].reshape(-1)[:1] = raw
         board.step()
         assert (board.mode(), board.output["tau"][0]) == (FAULT, 0.0), path
-        assert board.fault() == 2, path
+        assert board.fault() in (2, 3), path  # 3 where it is out of the supervisor's bounds too
 
 
 def test_a_sealed_block_out_of_its_bounds_is_a_fault(module):
