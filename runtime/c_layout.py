@@ -51,7 +51,7 @@ SUPERVISOR: Mapping[str, tuple[tuple[Any, ...], ...]] = {
         *((n, "u4") for n in ("logged", "mode", "mode_inverse", "fault", "fault_inverse")),
         *((n, "u4") for n in ("ready", "ready_inverse", "period", "since", "inside", "outside")),
         *((n, "u4") for n in ("frame", "heartbeat", "silent", "overruns", "good", "releases")),
-        *((n, "u4") for n in ("reason", "started")),
+        *((n, "u4") for n in ("reason", "started", "seal")),
     ),
     "output": tuple((n, "u4") for n in ("mode", "fault", "reason", "entered", "torque_allowed")),
 }

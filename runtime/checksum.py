@@ -5,14 +5,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-#: Fowler, Noll and Vo's constants for 32 bits; here a word at a time, not a byte.
+#: Fowler, Noll and Vo's constants for 32 bits; here a word at a time, and each sum is folded.
 SEED = 2166136261
 _PRIME = 16777619
 
 
 def with_word(checksum: int, word: int) -> int:
-    """Return `checksum` after another 32-bit word (FNV-1a)."""
-    return ((checksum ^ (word & 0xFFFFFFFF)) * _PRIME) & 0xFFFFFFFF
+    """Return `checksum` after another 32-bit word: FNV-1a, then its upper bits onto the lower."""
+    mixed = ((checksum ^ (word & 0xFFFFFFFF)) * _PRIME) & 0xFFFFFFFF
+    return mixed ^ (mixed >> 15)
 
 
 def with_double(checksum: int, value: float) -> int:

@@ -29,8 +29,8 @@ static int parameters_are_valid(const pf_supervisor_params_t *params)
     uint32_t i;
 
     for (i = 0U; i < PF_MEASURES; ++i) {
-        if (!lies_within(params->capture_limit[i], 0.0, DBL_MAX) ||
-            !lies_within(params->release_limit[i], params->capture_limit[i], DBL_MAX)) {
+        if (!lies_within(params->capture_limit[i], 0.0, PF_FARTHEST) ||
+            !lies_within(params->release_limit[i], params->capture_limit[i], PF_FARTHEST)) {
             return 0;
         }
     }
@@ -54,6 +54,28 @@ static void set_fault(pf_supervisor_state_t *state, pf_fault_t fault)
     state->fault_inverse = ~(uint32_t)fault;
 }
 
+static uint32_t seal_of(const pf_supervisor_state_t *state)
+{
+    uint32_t sum = pf_checksum_word(PF_CHECKSUM_SEED, state->logged);
+
+    sum = pf_checksum_word(sum, state->mode);
+    sum = pf_checksum_word(sum, state->fault);
+    sum = pf_checksum_word(sum, state->ready);
+    sum = pf_checksum_word(sum, state->period);
+    sum = pf_checksum_word(sum, state->since);
+    sum = pf_checksum_word(sum, state->inside);
+    sum = pf_checksum_word(sum, state->outside);
+    sum = pf_checksum_word(sum, state->frame);
+    sum = pf_checksum_word(sum, state->heartbeat);
+    sum = pf_checksum_word(sum, state->silent);
+    sum = pf_checksum_word(sum, state->overruns);
+    sum = pf_checksum_word(sum, state->good);
+    sum = pf_checksum_word(sum, state->releases);
+    sum = pf_checksum_word(sum, state->reason);
+    return pf_checksum_word(sum, state->started);
+}
+
+/* The ranges are looked at too: a seal that fits by chance is no reason for a mode that is none. */
 static int is_sound(const pf_supervisor_state_t *state)
 {
     const int faulty = state->fault != (uint32_t)PF_FAULT_NONE;
@@ -61,9 +83,10 @@ static int is_sound(const pf_supervisor_state_t *state)
     return (state->mode == ~state->mode_inverse) && (state->fault == ~state->fault_inverse)
         && (state->ready == ~state->ready_inverse) && (state->ready <= 1U)
         && (state->mode <= (uint32_t)PF_MODE_FAULT)
-        && (state->fault <= (uint32_t)PF_FAULT_ATTEMPTS)
+        && (state->fault <= (uint32_t)PF_FAULT_INTERFACE)
         && (faulty == (state->mode == (uint32_t)PF_MODE_FAULT))
-        && (state->reason <= (uint32_t)PF_REASON_RESET) && (state->started <= 1U);
+        && (state->reason <= (uint32_t)PF_REASON_RESET) && (state->started <= 1U)
+        && (state->seal == seal_of(state));
 }
 
 pf_mode_t pf_supervisor_mode(const pf_supervisor_state_t *state)
@@ -99,6 +122,27 @@ static void clear(pf_supervisor_state_t *state)
     state->started = 0U;
 }
 
+static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
+    pf_reason_t reason)
+{
+    volatile pf_transition_t *entry = &state->log[state->logged % PF_LOG_LENGTH];
+    volatile uint32_t *logged = &state->logged;
+
+    entry->period = state->period;
+    entry->frame = state->frame;
+    entry->from = (state->mode <= (uint32_t)PF_MODE_FAULT) ? state->mode : (uint32_t)PF_MODE_FAULT;
+    entry->to = (uint32_t)mode;
+    entry->reason = (uint32_t)reason;
+    entry->fault = (uint32_t)fault;
+    *logged = state->logged + 1U; /* a reader that sees the count sees the entry */
+    set_mode(state, mode);
+    set_fault(state, fault);
+    state->reason = (uint32_t)reason;
+    state->since = 0U;
+    state->inside = 0U;
+    state->outside = 0U;
+}
+
 pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     const pf_supervisor_params_t *params)
 {
@@ -107,29 +151,22 @@ pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     clear(state);
     state->ready = good;
     state->ready_inverse = ~good;
-    set_mode(state, (good == 1U) ? PF_MODE_IDLE : PF_MODE_FAULT);
-    set_fault(state, (good == 1U) ? PF_FAULT_NONE : PF_FAULT_PARAMETER_BOUNDS);
+    set_mode(state, PF_MODE_IDLE);
+    set_fault(state, PF_FAULT_NONE);
+    if (good == 0U) {
+        change(state, PF_MODE_FAULT, PF_FAULT_PARAMETER_BOUNDS, PF_REASON_FAULT);
+    }
+    state->seal = seal_of(state);
     return (good == 1U) ? PF_SUPERVISOR_OK : PF_SUPERVISOR_BAD_PARAMETER;
 }
 
-static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
-    pf_reason_t reason)
+/* Nothing remembered can be relied on, and only init makes it trusted again. The log stays. */
+static void distrust(pf_supervisor_state_t *state)
 {
-    pf_transition_t *entry = &state->log[state->logged % PF_LOG_LENGTH];
-
-    entry->period = state->period;
-    entry->frame = state->frame;
-    entry->from = (state->mode <= (uint32_t)PF_MODE_FAULT) ? state->mode : (uint32_t)PF_MODE_FAULT;
-    entry->to = (uint32_t)mode;
-    entry->reason = (uint32_t)reason;
-    entry->fault = (uint32_t)fault;
-    state->logged += 1U;
-    set_mode(state, mode);
-    set_fault(state, fault);
-    state->reason = (uint32_t)reason;
-    state->since = 0U;
-    state->inside = 0U;
-    state->outside = 0U;
+    state->ready = 0U;
+    state->ready_inverse = ~0U;
+    state->started = 0U;
+    change(state, PF_MODE_FAULT, PF_FAULT_STATE_CORRUPT, PF_REASON_FAULT);
 }
 
 static pf_fault_t fault_of(uint32_t checks)
@@ -153,7 +190,7 @@ static pf_fault_t fault_of(uint32_t checks)
             return table[i].fault;
         }
     }
-    return PF_FAULT_NONE;
+    return (checks != 0U) ? PF_FAULT_INTERFACE : PF_FAULT_NONE;
 }
 
 /* Count a period that was too long or too short; returns whether it is one too many. */
@@ -191,6 +228,9 @@ static pf_fault_t finding(pf_supervisor_state_t *state, const pf_supervisor_para
     if (fault != PF_FAULT_NONE) {
         return fault;
     }
+    if ((input->measures == 0U) || (input->measures > PF_MEASURES)) {
+        return PF_FAULT_INTERFACE;
+    }
     if (!lies_within(input->elapsed, -DBL_MAX, DBL_MAX)) {
         return PF_FAULT_NOT_FINITE;
     }
@@ -207,13 +247,12 @@ static pf_fault_t finding(pf_supervisor_state_t *state, const pf_supervisor_para
     return PF_FAULT_NONE;
 }
 
-/* Whether every measure in use is within its limit. */
+/* Whether every measure in use is within its limit; how many there are was checked. */
 static int all_within(const pf_supervisor_input_t *input, const double *limit)
 {
-    const uint32_t count = (input->measures < PF_MEASURES) ? input->measures : PF_MEASURES;
     uint32_t i;
 
-    for (i = 0U; i < count; ++i) {
+    for (i = 0U; (i < input->measures) && (i < PF_MEASURES); ++i) {
         if (!lies_within(input->measure[i], 0.0, limit[i])) {
             return 0;
         }
@@ -250,7 +289,7 @@ static void balance(pf_supervisor_state_t *state, const pf_supervisor_params_t *
         return;
     }
     state->releases = raised(state->releases);
-    if ((params->attempts > 0U) && (state->releases >= params->attempts)) {
+    if ((params->attempts > 0U) && (state->releases > params->attempts)) {
         change(state, PF_MODE_FAULT, PF_FAULT_ATTEMPTS, PF_REASON_FAULT);
     } else {
         change(state, PF_MODE_SWING_UP, PF_FAULT_NONE, PF_REASON_RELEASED);
@@ -285,7 +324,7 @@ static void obey(pf_supervisor_state_t *state, const pf_supervisor_params_t *par
 static void answer(const pf_supervisor_state_t *state, uint32_t entered,
     pf_supervisor_output_t *output)
 {
-    const uint32_t mode = (uint32_t)pf_supervisor_mode(state);
+    const uint32_t mode = state->mode;
     const int active = (mode == (uint32_t)PF_MODE_SWING_UP) || (mode == (uint32_t)PF_MODE_BALANCE);
 
     output->mode = mode;
@@ -298,27 +337,24 @@ static void answer(const pf_supervisor_state_t *state, uint32_t entered,
 void pf_supervisor_step(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
     const pf_supervisor_input_t *input, pf_supervisor_output_t *output)
 {
-    uint32_t mode;
+    const int sound = is_sound(state);
+    const uint32_t mode = state->mode;
     pf_fault_t fault;
 
-    if (!is_sound(state)) {
-        clear(state);
-        state->ready = 0U; /* only init makes it trusted again */
-        state->ready_inverse = ~0U;
-        set_mode(state, PF_MODE_FAULT);
-        set_fault(state, PF_FAULT_STATE_CORRUPT);
-        change(state, PF_MODE_FAULT, PF_FAULT_STATE_CORRUPT, PF_REASON_FAULT);
+    state->period += 1U;
+    if (!sound) {
+        distrust(state);
+        state->seal = seal_of(state);
         answer(state, 1U, output);
         return;
     }
-    mode = state->mode;
-    state->period += 1U;
     state->since = raised(state->since);
     fault = parameters_are_valid(params) ? finding(state, params, input)
                                          : PF_FAULT_PARAMETER_BOUNDS;
     if (mode == (uint32_t)PF_MODE_FAULT) {
         if ((fault == PF_FAULT_NONE) && (input->command == (uint32_t)PF_COMMAND_RESET) &&
             (state->ready == 1U)) {
+            state->overruns = 0U;
             change(state, PF_MODE_IDLE, PF_FAULT_NONE, PF_REASON_RESET);
         }
     } else if (fault != PF_FAULT_NONE) {
@@ -326,21 +362,51 @@ void pf_supervisor_step(pf_supervisor_state_t *state, const pf_supervisor_params
     } else {
         obey(state, params, input);
     }
+    state->seal = seal_of(state);
     answer(state, (state->mode != mode) ? 1U : 0U, output);
 }
 
 void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
     pf_supervisor_output_t *output)
 {
-    if (pf_supervisor_mode(state) != PF_MODE_FAULT) {
-        change(state, PF_MODE_FAULT, fault, PF_REASON_FAULT);
-        answer(state, 1U, output);
+    const uint32_t number = (uint32_t)fault;
+    const int known = (number != (uint32_t)PF_FAULT_NONE) &&
+        (number <= (uint32_t)PF_FAULT_INTERFACE);
+    uint32_t entered = 1U;
+
+    if (!is_sound(state)) {
+        distrust(state);
+    } else if (state->mode != (uint32_t)PF_MODE_FAULT) {
+        change(state, PF_MODE_FAULT, known ? fault : PF_FAULT_NUMERIC, PF_REASON_FAULT);
+    } else {
+        entered = (output->entered == 1U) ? 1U : 0U; /* as the step found it */
     }
+    state->seal = seal_of(state);
+    answer(state, entered, output);
+}
+
+uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t number,
+    pf_transition_t *transition)
+{
+    const volatile pf_supervisor_state_t *seen = state;
+    const volatile pf_transition_t *entry = &seen->log[number % PF_LOG_LENGTH];
+    uint32_t logged;
+
+    transition->period = entry->period;
+    transition->frame = entry->frame;
+    transition->from = entry->from;
+    transition->to = entry->to;
+    transition->reason = entry->reason;
+    transition->fault = entry->fault;
+    logged = seen->logged; /* read last: the oldest entry may be overwritten meanwhile */
+    return ((number < logged) && ((logged - number) < PF_LOG_LENGTH)) ? 1U : 0U;
 }
 
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word)
 {
-    return (sum ^ word) * PRIME;
+    const uint32_t mixed = (sum ^ word) * PRIME;
+
+    return mixed ^ (mixed >> 15); /* else the highest bits of two words would cancel */
 }
 
 uint32_t pf_checksum_double(uint32_t sum, double value)

@@ -20,7 +20,8 @@ extern "C" {
 
 #define PF_MEASURES 8U /* measures a supervisor can look at */
 #define PF_LOG_LENGTH 16U /* transitions that are remembered */
-#define PF_FAR 1e300 /* a measure beyond every limit */
+#define PF_FARTHEST 1e300 /* no limit is above it */
+#define PF_FAR 1e301 /* a measure beyond every limit */
 
 typedef enum {
     PF_MODE_IDLE = 0, /* no torque; waits for PF_COMMAND_START */
@@ -49,10 +50,12 @@ typedef enum {
     PF_FAULT_WATCHDOG = 9, /* the heartbeat stopped */
     PF_FAULT_NUMERIC = 10, /* a law gave no usable result */
     PF_FAULT_SWING_UP_TIMEOUT = 11, /* no capture within swing_up_timeout */
-    PF_FAULT_ATTEMPTS = 12 /* released more often than attempts allows */
+    PF_FAULT_ATTEMPTS = 12, /* released more often than attempts allows */
+    PF_FAULT_INTERFACE = 13 /* an unknown check, no measure, or more than PF_MEASURES */
 } pf_fault_t;
 
-/* What the caller found wrong this period: bits of `checks`. */
+/* What the caller found wrong this period: bits of `checks`. Of several findings of one period the
+ * first in this order is the fault, then an unknown bit, then what the supervisor finds itself. */
 #define PF_CHECK_PARAMETER_CHECKSUM 0x01U
 #define PF_CHECK_PARAMETER_BOUNDS 0x02U
 #define PF_CHECK_NOT_FINITE 0x04U
@@ -79,7 +82,8 @@ typedef enum {
 
 typedef struct {
     double capture_limit[PF_MEASURES]; /* captured where no measure is above its own; from 0 */
-    double release_limit[PF_MEASURES]; /* released where one is above its own; from the former */
+    double release_limit[PF_MEASURES]; /* released where one is above its own; from the former, to
+                                        * PF_FARTHEST */
     double sample_time; /* period T [s]; 1e-6 to 1 */
     double shortest_period; /* a period below this share of T is an overrun; 0 to 1 */
     double longest_period; /* a period above this share of T is one; 1 to 1000 */
@@ -87,14 +91,15 @@ typedef struct {
     double swing_up_timeout; /* [s]; 0: none */
     uint32_t capture_periods; /* in a row inside until captured; from 1 */
     uint32_t release_periods; /* in a row outside until released; from 1 */
-    uint32_t overruns; /* that are forgiven; one is forgotten each 1000 good periods */
+    uint32_t overruns; /* that are forgiven; one is forgotten each 1000 good periods in a row, all
+                        * are at RESET */
     uint32_t attempts; /* releases that are forgiven between START and STOP; 0: all */
 } pf_supervisor_params_t;
 
 typedef struct {
     double measure[PF_MEASURES]; /* from 0; what is negative or no number is outside */
     double elapsed; /* since the last call [s], as the platform measured it */
-    uint32_t measures; /* how many are in use; to PF_MEASURES */
+    uint32_t measures; /* how many are in use; 1 to PF_MEASURES */
     uint32_t frame; /* another one with each new set of readings */
     uint32_t heartbeat; /* another one while the operator's side is alive */
     uint32_t command; /* one of pf_command_t; what is none is PF_COMMAND_NONE */
@@ -110,13 +115,14 @@ typedef struct {
     uint32_t fault; /* pf_fault_t */
 } pf_transition_t;
 
-/* Memory; mode and fault are kept with their complements, so that a changed bit is seen. */
+/* Memory. What decides is kept with its complement, and all but the log under a checksum: a change
+ * of any one word between two calls is seen. */
 typedef struct {
-    pf_transition_t log[PF_LOG_LENGTH]; /* entry k is transition number k modulo the length */
-    uint32_t logged; /* transitions so far; written after its entry */
+    pf_transition_t log[PF_LOG_LENGTH]; /* transition number k is entry k modulo the length */
+    uint32_t logged; /* transitions so far; written after the entry */
     uint32_t mode, mode_inverse;
     uint32_t fault, fault_inverse;
-    uint32_t ready, ready_inverse; /* 1 once the parameters were found good */
+    uint32_t ready, ready_inverse; /* 1 where init found the parameters good */
     uint32_t period; /* calls so far */
     uint32_t since; /* calls since the mode began */
     uint32_t inside, outside; /* periods in a row */
@@ -127,17 +133,19 @@ typedef struct {
     uint32_t releases; /* since START */
     uint32_t reason; /* of the last transition */
     uint32_t started; /* 1 after the first call */
+    uint32_t seal; /* checksum of the members from `logged` on but the complements */
 } pf_supervisor_state_t;
 
 typedef struct {
     uint32_t mode; /* pf_mode_t */
     uint32_t fault; /* pf_fault_t, none unless in FAULT */
     uint32_t reason; /* pf_reason_t of the last transition */
-    uint32_t entered; /* 1 in the first period of a mode: laws start afresh */
+    uint32_t entered; /* 1 where this call changed the mode: laws start afresh */
     uint32_t torque_allowed; /* 1 in SWING_UP and BALANCE */
 } pf_supervisor_output_t;
 
-/* Prepares *state: mode IDLE, or FAULT if a parameter is out of its bounds. */
+/* Prepares *state: mode IDLE, or FAULT if a parameter is out of its bounds. From that FAULT, and
+ * from STATE_CORRUPT, only another call of this function leads. */
 pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     const pf_supervisor_params_t *params);
 
@@ -145,15 +153,23 @@ pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
 void pf_supervisor_step(pf_supervisor_state_t *state, const pf_supervisor_params_t *params,
     const pf_supervisor_input_t *input, pf_supervisor_output_t *output);
 
-/* A fault found after the step, by the law itself: in force in this same period. */
+/* A fault found after the step, by the law itself: in force in this same period. In FAULT already
+ * the first one stays; what is none of pf_fault_t counts as PF_FAULT_NUMERIC. */
 void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
     pf_supervisor_output_t *output);
 
 /* The mode now; FAULT if the memory contradicts itself. */
 pf_mode_t pf_supervisor_mode(const pf_supervisor_state_t *state);
 
+/* Copies transition `number`, from 0, and returns 1; returns 0 where it is not there yet, or no
+ * longer: the last PF_LOG_LENGTH - 1 are, but those before the count wrapped. An interrupt or a thread on the same core may call it
+ * while the supervisor runs; between cores the caller orders memory. */
+uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t number,
+    pf_transition_t *transition);
+
 /* Checksum of a parameter block, word by word, from PF_CHECKSUM_SEED on. Every change of one word
- * changes the result: xor with a word and multiplication by an odd number are both invertible. */
+ * changes the result, for each operation on the sum can be undone; of changes of several words
+ * about one in 2^32 does not. */
 #define PF_CHECKSUM_SEED 2166136261U
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word);
 uint32_t pf_checksum_double(uint32_t sum, double value); /* the high word first */
@@ -165,7 +181,8 @@ double pf_limited(double value, double limit);
 double pf_slewed(double value, double previous, double step, double limit);
 
 /* `angle` less whole turns, nearest to `reference` [rad]; `angle` itself where the turns between
- * them are more than 1e9 or no number. Rounded like the difference of two numbers that size. */
+ * them are more than 1e9 or no number. With M the larger size of the two, the result is within
+ * 2^-51 (M + 2) of what exact turns give, and within pi + 2^-49 (M + 1) of `reference`. */
 double pf_nearest_turn(double angle, double reference);
 
 #ifdef __cplusplus
