@@ -12,7 +12,7 @@ from pfaffian.runtime.twin.recording import Flight
 Array = np.ndarray[Any, Any]
 
 _FRAMES = 20.0  # a second
-_LENGTH = 8.0  # seconds of the flight that are shown
+_LENGTH = 4.0  # seconds of the flight that are shown
 _PAUSE = 1.0  # seconds it rests at the end, so that a loop is seen to begin again
 _WIDTH, _HEIGHT = 640, 400
 _PIVOT = (170.0, 200.0)
@@ -22,7 +22,8 @@ _LEFT, _RIGHT = 380.0, 612.0
 _STRIPS = (("q₁ − π/2", 92.0), ("q₂", 202.0), ("τ", 312.0))
 _HALF = 38.0
 _STYLE = """
-svg{font:13px system-ui,sans-serif;--ink:#1f2328;--muted:#656d76;--grid:#d0d7de;--one:#0072b2;--two:#d55e00}
+svg{font:13px system-ui,sans-serif;--ink:#1f2328;--muted:#656d76;--grid:#d0d7de;
+--one:#0072b2;--two:#d55e00}
 @media(prefers-color-scheme:dark){svg{--ink:#e6edf3;--muted:#8d96a0;--grid:#3d444d;--one:#58a6ff;--two:#f0883e}}
 text{fill:var(--ink)}.m{fill:var(--muted);font-size:11px}.g{stroke:var(--grid);fill:none}
 .l{stroke-width:9;stroke-linecap:round}.c{fill:none;stroke-width:1.4}
@@ -86,7 +87,7 @@ def _links(q1: Array, q2: Array, end: float) -> str:
 
 def _strips(flight: Flight, last: int, end: float) -> list[str]:
     """Return the curves of both errors and the torque, and a line that runs through them."""
-    picked = np.arange(0, last + 1, 20)
+    picked = np.arange(0, last + 1, 10)
     goal = (np.pi / 2, 0.0)
     curves = [flight.signals[n][picked, 0] - g for n, g in zip(("q1", "q2"), goal, strict=True)]
     curves.append(flight.signals["tau"][picked, 0])
@@ -137,7 +138,7 @@ def _captions(flight: Flight, end: float) -> list[str]:
             f'attributeName="opacity" calcMode="discrete" {_timing(end)} keyTimes="{keys}" '
             f'values="{values}"/></text>'
         )
-    parts.append(f'<text class="m" x="28" y="388">upright after {since:.2f} s, real time</text>')
+    parts.append(f'<text class="m" x="28" y="388">BALANCE from {since:.2f} s; real time</text>')
     return parts
 
 

@@ -25,7 +25,7 @@ PROPOSED, LQR = "proposed", "LQR"
 #: The second column is drawn from this time to this one [s].
 _HELD = (5.0, 15.0)
 _EVERY = 5
-_TITLES = ("swing-up and capture", "held, from 5 s")
+_TITLES = ("swing-up and capture", "held: time counts from 5 s")
 _LEVEL = {"q1": np.pi / 2, "q2": 0.0}
 
 
@@ -36,7 +36,7 @@ def outputs(flights: Mapping[str, Flight]) -> Drawn:
         ("q₂ [rad]", "q2", {"level": (_LEVEL["q2"], "setpoint")}),
     ]
     caption = (
-        " From hanging, on the twin: generated controller at 1 kHz, encoders of 5000 counts a turn, "
+        " From hanging, on the twin: generated controller at 1 kHz, 5000 counts a turn, "
         "2 N m. Right: the same flights where they are held."
     )
     names = ("q1_rad", "q2_rad")

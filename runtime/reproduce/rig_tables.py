@@ -37,10 +37,9 @@ def laws_table(found: Mapping[tuple[str, str], Measures], laws: Sequence[str]) -
             one = found[case, law]
             rows.append((case, law, figure(one.entered), *cells(one), figure(one.effort)))
     note = (
-        f"IAE is over {WINDOW:.0f} s from the flight's last entry into BALANCE, so that the swing-up, "
-        "common to all laws, does not count; MAE2 is that of the flight's last 2 s. A dash: BALANCE did "
-        "not last to the end. Measured by pfaffian reproduce section-6; the cases are "
-        "runtime/campaigns/section-6-laws.toml."
+        f"IAE is over {WINDOW:.0f} s from the flight's last entry into BALANCE, so that the "
+        "swing-up does not count; MAE2 is that of the flight's last 2 s. A dash: BALANCE did not "
+        "last to the end. The cases are runtime/campaigns/section-6-laws.toml."
     )
     columns = ("case", "law", "in BALANCE from [s]", *_FIGURES, "∫τ² [N²m²s]")
     return Table("laws", "6", "Three laws on the same twin", columns, tuple(rows), note)
@@ -146,7 +145,7 @@ def drawn_parameters(scenario: TwinScenario, rigs: Rigs) -> dict[str, Array]:
 
 
 def distinguishing(drawn: Mapping[str, Array], failed: Array) -> list[tuple[str, float, float]]:
-    """Return (name, coefficient, mean of the failed) of a linear regression of failure, largest first.
+    """Return (name, coefficient, mean of the failed) of a regression of failure, largest first.
 
     Coefficients are of the standardised draws, in standard deviations of the 0/1 outcome.
     """
@@ -187,7 +186,10 @@ def distinguishing_table(swing_up: str, rows: Sequence[tuple[str, float, float]]
     """Return what distinguishes the rigs that failed."""
     title = f"What the failures have in common: {swing_up}"
     columns = ("drawn", "coefficient", "mean of the failed [half-widths]")
-    note = "Linear regression of failure on the draws, both standardised. A mean of 0 is no preference."
+    note = (
+        "Linear regression of failure on the draws, both standardised; "
+        "a mean of 0 is no preference."
+    )
     made = tuple((n, f"{c:+.3f}", f"{m:+.3f}") for n, c, m in rows)
     return Table(f"failures-{swing_up}-why", "6", title, columns, made, note)
 
