@@ -37,9 +37,18 @@ def linear_plant(host: GeneratedModel, set_name: str) -> tuple[Array, Array]:
     return a, np.vstack([np.zeros((2, 1)), lower[:, 4:]])
 
 
-def lqr_gain(host: GeneratedModel, set_name: str = "sim") -> tuple[float, ...]:
-    """Return K (4,) of tau = -K (e, q') for Q = I and R = 1, in N m per rad and per rad/s."""
+def lqr_gain(
+    host: GeneratedModel, set_name: str = "sim", effort: float = 1.0, rates: float = 1.0
+) -> tuple[float, ...]:
+    """Return K (4,) of tau = -K (e, q') in N m per rad and per rad/s, for R = `effort` [1/(N m)^2]
+    and Q = diag(1, 1, `rates`, `rates`); the paper has Q = I and R = 1."""
     a, b = linear_plant(host, set_name)
-    p = solve_continuous_are(a, b, np.eye(4), np.eye(1))
+    p = solve_continuous_are(a, b, np.diag([1.0, 1.0, rates, rates]), effort * np.eye(1))
     # Rounded so that no difference in a linear algebra library changes what is flown.
-    return tuple(round(float(k), 6) for k in (b.T @ p)[0])
+    return tuple(round(float(k), 6) for k in (b.T @ p)[0] / effort)
+
+
+def slowest_rate(host: GeneratedModel, gain: tuple[float, ...], set_name: str) -> float:
+    """Return the largest real part of the poles of A - B K [1/s]."""
+    a, b = linear_plant(host, set_name)
+    return float(np.linalg.eigvals(a - b @ np.array([gain])).real.max())

@@ -97,6 +97,11 @@ class Rigs:
         self._calls = [self._call_of(slice(a, b)) for a, b in pairwise(edges)]
         self._pool = ThreadPoolExecutor(len(self._calls)) if len(self._calls) > 1 else None
 
+    @property
+    def delays(self) -> Array:
+        """Return the delay of every rig's drives, whole substeps in seconds, shape (N, m)."""
+        return np.asarray(self._drive["delay"] * self.scenario.substep)
+
     def _call_of(self, part: slice) -> Callable[[], object]:
         """Return the call that advances the rigs in `part`: its arrays keep their addresses."""
         machine = self.model.machine

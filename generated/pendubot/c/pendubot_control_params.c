@@ -107,5 +107,5 @@ const pendubot_control_params_t pendubot_control_rig = {
     .plan = 1U,
     .swing_up = 2U,
     .balance = 0U,
-    .checksum = 868146368U,
+    .checksum = 1363885257U,
 };
