@@ -135,8 +135,8 @@ def regulators(request: Request, jobs: int, found: Mapping[tuple[str, str], Meas
             rows.append((case, name, f"{rates[weights]:.2f}", *rig_tables.cells(one)))
     columns = ("case", "law", "slowest pole [1/s]", "IAE q₁", "IAE q₂", "MAE2 q₁", "MAE2 q₂")
     note = (
-        "Cases and figures as in the table of laws. Where another choice of weights beats the proposed "
-        "law, the kind of law is not what decides."
+        "Cases and figures as in the table of laws. Where other weights beat the proposed law, "
+        "the kind of law is not what decides."
     )
     return Table("regulators", "6", "LQR with other weights", columns, tuple(rows), note)
 
