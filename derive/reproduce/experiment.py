@@ -134,7 +134,11 @@ def regulators(request: Request, jobs: int, found: Mapping[tuple[str, str], Meas
             name = f"LQR, R = {weights[0]:g}, Q = diag(1, 1, {weights[1]:g}, {weights[1]:g})"
             rows.append((case, name, f"{rates[weights]:.2f}", *rig_tables.cells(one)))
     columns = ("case", "law", "slowest pole [1/s]", "IAE q₁", "IAE q₂", "MAE2 q₁", "MAE2 q₂")
-    return Table("regulators", "6", "LQR with other weights", columns, tuple(rows))
+    note = (
+        "Cases and figures as in the table of laws. Where other weights beat the proposed law, "
+        "the kind of law is not what decides."
+    )
+    return Table("regulators", "6", "LQR with other weights", columns, tuple(rows), note)
 
 
 def whole_flight(request: Request) -> tuple[Flight, Flight, Table]:
