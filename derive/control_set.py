@@ -173,6 +173,11 @@ def _supervisor(
 ) -> dict[str, Any]:
     schema = {c.name: (c.unit, math.inf) for c in model.coordinates}
     schema |= {name: (unit, math.inf) for name, unit in SCALARS.items()}
+    if len(schema) > MEASURES:
+        raise InputError(
+            f"{path}: {len(schema)} measures for {len(model.coordinates)} coordinates",
+            remedy=f"a supervisor looks at {MEASURES}: three coordinates at most",
+        )
     release = _limits(document, "release", schema, path)
     capture = _limits(document, "capture", schema, path)
     for name, limit in release.items():
