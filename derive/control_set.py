@@ -141,7 +141,14 @@ def _own(
     for c in model.coordinates:
         turns = _table(encoders, c.name, path).get("turns", c.unit == "rad")
         own[f"{c.name}_turns"] = int(bool(turns))
-    swing_up = _word(document, "swing_up", SWING_UP_LAWS, "energy", f"{path}")
+    has_energy = model.has_program("swing_up")
+    default = "energy" if has_energy else "none"
+    swing_up = _word(document, "swing_up", SWING_UP_LAWS, default, f"{path}")
+    if swing_up == SWING_UP_LAWS["energy"] and not has_energy:
+        raise InputError(
+            f"{path}: swing_up = energy, but model {model.name} has no energy law",
+            remedy="take plan, or none and bring it there by hand",
+        )
     if swing_up == SWING_UP_LAWS["plan"] and path.stem not in plans:
         raise InputError(
             f"{path}: swing_up = plan, but there is no plan for parameter set {path.stem}",

@@ -287,15 +287,25 @@ def test_missing_readings_are_bridged_and_then_a_fault(module):
 
 def test_a_link_beyond_its_range_is_a_fault(module):
     board = Board(module).started()
-    board.params["law"]["torque_limit"] = 1e-3
-    module.seal(board.params)
     for _ in range(200):  # 100 counts a period: 126 rad/s, as fast as the encoder is believed
         board.counts[1] += 100
         board.step()
     assert board.mode() == SWING_UP
-    board.state["q2_shift"] = 1e4
-    board.step()
-    assert (board.mode(), board.fault()) == (FAULT, 5)
+    coarse = Board(module)  # 100 counts a period now are a turn
+    coarse.params["q2_encoder"]["counts_per_turn"] = 100.0
+    module.seal(coarse.params)
+    coarse.state, _ = module.init(coarse.params)
+    coarse.started()
+    for _ in range(20):
+        coarse.counts[1] += 100
+        coarse.step()
+        if coarse.mode() == FAULT:
+            break
+    assert (coarse.mode(), coarse.fault()) == (FAULT, 5)
+    assert abs(coarse.output["dq2"][0]) > 1e3
+    assert coarse.output["tau"][0] == 0.0
+    coarse.step(q2_valid=0, command=RESET)
+    assert coarse.mode() == FAULT  # as fast as ever
 
 
 def test_a_supervisor_whose_memory_contradicts_itself_stops(module):

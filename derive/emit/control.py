@@ -15,7 +15,7 @@ from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import TIME_NAME
 from pfaffian.runtime.c_layout import SENSING, SUPERVISOR
 from pfaffian.runtime.checksum import checksum_of
-from pfaffian.runtime.manifest import ABI_VERSION, Field, Structure
+from pfaffian.runtime.manifest import ABI_VERSION, MEMBER_TYPES, Field, Structure
 
 _U32, _REAL = "uint32_t", "double"
 _KINDS = {_U32: "u4", _REAL: "f8"}
@@ -82,7 +82,8 @@ def _state(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field]
     yield Field("periods", _U32, "", "since the law was engaged")
     yield Field("phase", _U32, "", "what SWING_UP does")
     yield Field("checksum", _U32, "", "of the parameters last judged")
-    yield Field("ready", _U32, "", "1 once the parameters were found good")
+    yield Field("ready", _U32, "", "1 where init found the parameters good")
+    yield Field("seal", _U32, "", "checksum of all but the supervisor's memory")
 
 
 def _output(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field]:
@@ -148,6 +149,11 @@ def _context(emission: Emission) -> dict[str, object]:
         "setpoint": _setpoint(setpoint),
         "encoder_checksum": _sums("encoder", SENSING["params"]),
         "supervisor_checksum": _sums("supervisor", SUPERVISOR["params"]),
+        "law_memory_checksum": _sums("law", _kinds(law["state"].fields)),
+        "encoder_memory_checksum": _sums("encoder", SENSING["state"]),
+        "own_memory_checksum": _sums(
+            "state", _kinds(f for f in own["control_state"].fields if f.name != "seal")
+        ),
         "own_doubles": doubles,
         "own_words": [f.name for f in members if f.type == _U32],
         "tolerances": [n for n in doubles if n.startswith("plan_")],
@@ -188,10 +194,19 @@ def _sums(pointer: str, members: Iterable[tuple[Any, ...]]) -> list[str]:
             continue  # arrays come first, in a loop of their own
         if kind == "f8":
             lines.append(f"sum = pf_checksum_double(sum, {pointer}->{name});")
+        elif kind == "i8":
+            whole = f"(uint64_t){pointer}->{name}"
+            for half in (f"({whole} >> 32)", f"({whole} & 0xffffffffU)"):
+                lines.append(f"sum = pf_checksum_word(sum, (uint32_t){half});")
         elif kind in ("u4", "i4"):
             cast = "(uint32_t)" if kind == "i4" else ""
             lines.append(f"sum = pf_checksum_word(sum, {cast}{pointer}->{name});")
     return lines
+
+
+def _kinds(fields: Iterable[Field]) -> list[tuple[str, str]]:
+    """Return (name, NumPy type) of the members that are no structures."""
+    return [(f.name, MEMBER_TYPES[f.type]) for f in fields if f.type in MEMBER_TYPES]
 
 
 def _constants(emission: Emission, control: ControlSet) -> dict[str, object]:

@@ -88,14 +88,11 @@ static void clear(pf_sensing_state_t *state)
     state->started = 0U;
 }
 
-pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params)
+/* Fill what depends on the parameters alone; they were found sound. */
+static void prepare(pf_sensing_state_t *state, const pf_sensing_params_t *params)
 {
     double a, resistance, denominator;
 
-    clear(state);
-    if (!counter_is_sound(params) || !estimator_is_sound(params)) {
-        return PF_SENSING_BAD_PARAMETER;
-    }
     a = 0.5 * (params->bandwidth * params->sample_time);
     if (params->estimator == (uint32_t)PF_SENSING_TRACKING) {
         resistance = 2.0 * params->damping * a;
@@ -103,6 +100,7 @@ pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_
         state->error_kept = (1.0 - resistance + a * a) / denominator;
         state->velocity_gain = 4.0 * a * a / (denominator * params->sample_time);
     } else {
+        state->error_kept = 0.0;
         state->velocity_gain = 2.0 * a / ((1.0 + a) * params->sample_time);
     }
     state->radians_per_count = (double)params->direction * TWO_PI / params->counts_per_turn;
@@ -112,7 +110,26 @@ pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_
     state->counter_zero = params->counter_zero;
     state->largest_jump = params->largest_jump;
     state->longest_gap = params->longest_gap;
+}
+
+pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params)
+{
+    clear(state);
+    if (!counter_is_sound(params) || !estimator_is_sound(params)) {
+        return PF_SENSING_BAD_PARAMETER;
+    }
+    prepare(state, params);
     state->ready = 1U;
+    return PF_SENSING_OK;
+}
+
+pf_sensing_status_t pf_sensing_retune(pf_sensing_state_t *state,
+    const pf_sensing_params_t *params)
+{
+    if ((state->ready != 1U) || !counter_is_sound(params) || !estimator_is_sound(params)) {
+        return PF_SENSING_BAD_PARAMETER;
+    }
+    prepare(state, params);
     return PF_SENSING_OK;
 }
 

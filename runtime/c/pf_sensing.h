@@ -87,6 +87,14 @@ typedef struct {
 pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params);
 
 /*
+ * Takes other parameters and keeps count, velocity and gap: from the next period on they are in
+ * force. Returns as pf_sensing_init; a channel that is not ready, or parameters that are out of
+ * bounds, leave *state as it is.
+ */
+pf_sensing_status_t pf_sensing_retune(pf_sensing_state_t *state,
+    const pf_sensing_params_t *params);
+
+/*
  * Takes the reading of one period. The first one taken sets the count to the value nearest zero,
  * and the velocity starts at zero. After a gap of n periods the shaft may have turned by
  * (n + 1) largest_jump, and is taken to have turned evenly: at most longest_gap + 1 turns of a

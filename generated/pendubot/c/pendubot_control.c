@@ -19,10 +19,12 @@ typedef struct {
 typedef struct {
     double q1; /* angle as the encoder gives it */
     double q1_goal; /* setpoint */
-    double q1_place; /* the same place, in the turn nearest the setpoint unless balancing */
+    double q1_near; /* the same place, in the turn nearest the setpoint */
+    double q1_place; /* the same, but in the turn that was taken while balancing */
     double q2; /* angle as the encoder gives it */
     double q2_goal; /* setpoint */
-    double q2_place; /* the same place, in the turn nearest the setpoint unless balancing */
+    double q2_near; /* the same place, in the turn nearest the setpoint */
+    double q2_place; /* the same, but in the turn that was taken while balancing */
 } place_t;
 
 static uint32_t law_checksum(uint32_t start, const pendubot_params_t *law)
@@ -140,12 +142,86 @@ void pendubot_control_seal(pendubot_control_params_t *params)
     params->checksum = pendubot_control_checksum(params);
 }
 
+static uint32_t law_memory_checksum(uint32_t start, const pendubot_state_t *law)
+{
+    uint32_t sum = start;
+
+    sum = pf_checksum_word(sum, law->engaged);
+    sum = pf_checksum_double(sum, law->constraint_offset);
+    sum = pf_checksum_double(sum, law->drift_previous);
+    sum = pf_checksum_double(sum, law->bound_estimate);
+    sum = pf_checksum_double(sum, law->leakage_decay);
+    sum = pf_checksum_double(sum, law->adaptation_step);
+    sum = pf_checksum_double(sum, law->tau_previous);
+    sum = pf_checksum_double(sum, law->twice_eta_over_pi);
+    sum = pf_checksum_double(sum, law->theta1_plus_theta2);
+    sum = pf_checksum_double(sum, law->twice_theta3);
+    sum = pf_checksum_double(sum, law->g_theta4);
+    sum = pf_checksum_double(sum, law->g_theta5);
+    sum = pf_checksum_double(sum, law->theta1_theta2);
+    sum = pf_checksum_double(sum, law->theta3_squared);
+    sum = pf_checksum_double(sum, law->theta2_lam);
+    sum = pf_checksum_double(sum, law->lam_lam1);
+    sum = pf_checksum_double(sum, law->half_sample_time);
+    sum = pf_checksum_double(sum, law->singular_threshold_squared);
+    sum = pf_checksum_double(sum, law->inverse_epsilon);
+    sum = pf_checksum_double(sum, law->sample_time_slew_limit);
+    return sum;
+}
+
+static uint32_t encoder_memory_checksum(uint32_t start, const pf_sensing_state_t *encoder)
+{
+    uint32_t sum = start;
+
+    sum = pf_checksum_double(sum, encoder->error);
+    sum = pf_checksum_double(sum, encoder->velocity);
+    sum = pf_checksum_double(sum, encoder->radians_per_count);
+    sum = pf_checksum_double(sum, encoder->offset);
+    sum = pf_checksum_double(sum, encoder->sample_time);
+    sum = pf_checksum_double(sum, encoder->error_kept);
+    sum = pf_checksum_double(sum, encoder->velocity_gain);
+    sum = pf_checksum_word(sum, (uint32_t)((uint64_t)encoder->count >> 32));
+    sum = pf_checksum_word(sum, (uint32_t)((uint64_t)encoder->count & 0xffffffffU));
+    sum = pf_checksum_word(sum, encoder->raw);
+    sum = pf_checksum_word(sum, encoder->mask);
+    sum = pf_checksum_word(sum, encoder->counter_zero);
+    sum = pf_checksum_word(sum, encoder->largest_jump);
+    sum = pf_checksum_word(sum, encoder->longest_gap);
+    sum = pf_checksum_word(sum, encoder->missed);
+    sum = pf_checksum_word(sum, encoder->ready);
+    sum = pf_checksum_word(sum, encoder->started);
+    return sum;
+}
+
+/* Of everything that is remembered but the supervisor's memory, which has a seal of its own. */
+static uint32_t memory_checksum(const pendubot_control_state_t *state)
+{
+    uint32_t sum = PF_CHECKSUM_SEED;
+
+    sum = law_memory_checksum(sum, &state->law);
+    sum = encoder_memory_checksum(sum, &state->q1_encoder);
+    sum = encoder_memory_checksum(sum, &state->q2_encoder);
+    sum = pf_checksum_double(sum, state->q1_shift);
+    sum = pf_checksum_double(sum, state->q2_shift);
+    sum = pf_checksum_double(sum, state->tau_applied);
+    sum = pf_checksum_word(sum, state->periods);
+    sum = pf_checksum_word(sum, state->phase);
+    sum = pf_checksum_word(sum, state->checksum);
+    sum = pf_checksum_word(sum, state->ready);
+    return sum;
+}
+
 static int is_number(double value)
 {
     return (value >= -1e300) && (value <= 1e300); /* no NaN does */
 }
 
-/* Whether what belongs to no module is within its bounds. */
+static int is_same(double one, double other)
+{
+    return (one >= other) && (one <= other);
+}
+
+/* Whether what belongs to no module is within its bounds, and one period is meant throughout. */
 static int own_parameters_are_valid(const pendubot_control_params_t *params)
 {
     return
@@ -178,9 +254,33 @@ static int own_parameters_are_valid(const pendubot_control_params_t *params)
         (params->plan_start_dq2 >= 0.0) &&
         (params->plan_error_q2 >= 0.0) &&
         (params->plan_patience >= 0.0) &&
+        is_same(params->q1_encoder.sample_time, params->law.sample_time) &&
+        (params->q1_turns <= 1U) &&
+        is_same(params->q2_encoder.sample_time, params->law.sample_time) &&
+        (params->q2_turns <= 1U) &&
+        is_same(params->supervisor.sample_time, params->law.sample_time) &&
         (params->swing_up <= PENDUBOT_SWING_UP_PLAN) &&
         (params->balance <= PENDUBOT_BALANCE_FEEDBACK) &&
         (params->plan <= 1U);
+}
+
+/* The same of the parameters of laws and encoders; the supervisor judges its own every period. */
+static int parameters_are_valid(const pendubot_control_params_t *params)
+{
+    pendubot_state_t law;
+    pf_sensing_state_t encoder;
+    int valid = own_parameters_are_valid(params);
+
+    if (pendubot_init(&law, &params->law) != PENDUBOT_OK) {
+        valid = 0;
+    }
+    if (pf_sensing_init(&encoder, &params->q1_encoder) != PF_SENSING_OK) {
+        valid = 0;
+    }
+    if (pf_sensing_init(&encoder, &params->q2_encoder) != PF_SENSING_OK) {
+        valid = 0;
+    }
+    return valid;
 }
 
 pendubot_status_t pendubot_control_init(pendubot_control_state_t *state,
@@ -211,6 +311,7 @@ pendubot_status_t pendubot_control_init(pendubot_control_state_t *state,
     state->phase = PENDUBOT_PHASE_WAITING;
     state->checksum = params->checksum;
     state->ready = good;
+    state->seal = memory_checksum(state);
     return (good == 1U) ? PENDUBOT_OK : PENDUBOT_BAD_PARAMETER;
 }
 
@@ -244,8 +345,9 @@ static uint32_t sense(pendubot_control_state_t *state,
     place->q1_goal = law->q1d;
     output->q1 = reading.angle + state->q1_shift;
     output->dq1 = reading.velocity;
-    place->q1_place = (balancing || (params->q1_turns == 0U))
-        ? output->q1 : pf_nearest_turn(reading.angle, place->q1_goal);
+    place->q1_near = (params->q1_turns == 0U)
+        ? reading.angle : pf_nearest_turn(reading.angle, place->q1_goal);
+    place->q1_place = balancing ? output->q1 : place->q1_near;
     if (!(pf_abs(output->q1) < 10000.0) ||
         !(pf_abs(output->dq1) < 1000.0)) {
         checks |= PF_CHECK_RANGE;
@@ -258,8 +360,9 @@ static uint32_t sense(pendubot_control_state_t *state,
     place->q2_goal = law->q2d;
     output->q2 = reading.angle + state->q2_shift;
     output->dq2 = reading.velocity;
-    place->q2_place = (balancing || (params->q2_turns == 0U))
-        ? output->q2 : pf_nearest_turn(reading.angle, place->q2_goal);
+    place->q2_near = (params->q2_turns == 0U)
+        ? reading.angle : pf_nearest_turn(reading.angle, place->q2_goal);
+    place->q2_place = balancing ? output->q2 : place->q2_near;
     if (!(pf_abs(output->q2) < 10000.0) ||
         !(pf_abs(output->dq2) < 1000.0)) {
         checks |= PF_CHECK_RANGE;
@@ -311,6 +414,7 @@ static void measure(const pendubot_control_state_t *state,
     there.dq2 = output->dq2;
     measures[1] = pf_abs(place->q2_place - place->q2_goal);
     (void)pendubot_init(&trial, &params->law);
+    trial.tau_previous = state->tau_applied;
     if (pendubot_step(&trial, &params->law, &there, &output->law) >= PENDUBOT_BAD_INPUT) {
         measures[0] = PF_FAR; /* the balance law has no answer there */
     }
@@ -387,10 +491,10 @@ static int stands_at_the_start(pendubot_control_state_t *state,
 static void take_place(pendubot_control_state_t *state, const place_t *place,
     pendubot_control_output_t *output)
 {
-    state->q1_shift = place->q1_place - place->q1;
-    output->q1 = place->q1_place;
-    state->q2_shift = place->q2_place - place->q2;
-    output->q2 = place->q2_place;
+    state->q1_shift = place->q1_near - place->q1;
+    output->q1 = place->q1_near;
+    state->q2_shift = place->q2_near - place->q2;
+    output->q2 = place->q2_near;
 }
 
 static pendubot_input_t measured_of(const pendubot_control_output_t *output)
@@ -498,6 +602,7 @@ static demand_t balance(pendubot_control_state_t *state,
     pendubot_control_output_t *output)
 {
     pendubot_input_t measured;
+    pendubot_status_t status;
     demand_t demand;
 
     if (entered != 0U) {
@@ -505,9 +610,8 @@ static demand_t balance(pendubot_control_state_t *state,
         restart(state, params);
     }
     measured = measured_of(output);
-    demand = demand_of(&output->law,
-        pendubot_step(&state->law, &params->law, &measured, &output->law));
-    demand = demand_of(&output->law, demand.status);
+    status = pendubot_step(&state->law, &params->law, &measured, &output->law);
+    demand = demand_of(&output->law, status);
     if (params->balance == PENDUBOT_BALANCE_NOMINAL) {
         demand.tau = output->law.p1;
     } else if (params->balance == PENDUBOT_BALANCE_FEEDBACK) {
@@ -524,26 +628,34 @@ static demand_t balance(pendubot_control_state_t *state,
     return demand;
 }
 
+/* Whether every part of a command is a number; a limit would take what is none for 0. */
+static int is_usable(const demand_t *demand)
+{
+    return (demand->status < PENDUBOT_BAD_INPUT) && is_number(demand->tau);
+}
+
 /* A parameter block that was sealed anew is judged before it is used. */
 static uint32_t take_parameters(pendubot_control_state_t *state,
     const pendubot_control_params_t *params)
 {
     const uint32_t seen = pendubot_control_checksum(params);
-    pendubot_state_t trial;
 
     if (seen != params->checksum) {
         return PF_CHECK_PARAMETER_CHECKSUM;
     }
-    if (seen != state->checksum) {
-        state->checksum = seen;
-        if ((pendubot_init(&trial, &params->law) == PENDUBOT_OK) &&
-            own_parameters_are_valid(params)) {
-            pendubot_prepare(&state->law, &params->law);
-        } else {
-            state->ready = 0U;
-        }
+    if (state->ready != 1U) {
+        return PF_CHECK_PARAMETER_BOUNDS;
     }
-    return (state->ready == 1U) ? 0U : PF_CHECK_PARAMETER_BOUNDS;
+    if (seen != state->checksum) {
+        if (!parameters_are_valid(params)) {
+            return PF_CHECK_PARAMETER_BOUNDS; /* until another block is sealed */
+        }
+        pendubot_prepare(&state->law, &params->law);
+        (void)pf_sensing_retune(&state->q1_encoder, &params->q1_encoder);
+        (void)pf_sensing_retune(&state->q2_encoder, &params->q2_encoder);
+        state->checksum = seen;
+    }
+    return 0U;
 }
 
 void pendubot_control_step(pendubot_control_state_t *state,
@@ -555,6 +667,7 @@ void pendubot_control_step(pendubot_control_state_t *state,
     pf_supervisor_output_t verdict;
     place_t place;
     demand_t demand = no_demand();
+    const int is_whole = memory_checksum(state) == state->seal;
 
     seen.frame = input->frame;
     seen.elapsed = input->elapsed;
@@ -564,7 +677,13 @@ void pendubot_control_step(pendubot_control_state_t *state,
     seen.checks |= sense(state, params, input, output, &place);
     seen.measures = 7U;
     measure(state, params, &place, output, seen.measure);
-    pf_supervisor_step(&state->supervisor, &params->supervisor, &seen, &verdict);
+    if (is_whole) {
+        pf_supervisor_step(&state->supervisor, &params->supervisor, &seen, &verdict);
+    } else {
+        state->ready = 0U; /* only init makes it trusted again */
+        verdict.entered = 0U;
+        pf_supervisor_trip(&state->supervisor, PF_FAULT_STATE_CORRUPT, &verdict);
+    }
 
     if ((verdict.torque_allowed == 1U) && (verdict.mode == (uint32_t)PF_MODE_SWING_UP)) {
         demand = swing_up(state, params, &place, verdict.entered, output);
@@ -572,8 +691,9 @@ void pendubot_control_step(pendubot_control_state_t *state,
         demand = balance(state, params, &place, verdict.entered, output);
     } else {
         state->phase = PENDUBOT_PHASE_WAITING;
+        take_place(state, &place, output);
     }
-    if (demand.status >= PENDUBOT_BAD_INPUT) {
+    if (!is_usable(&demand)) {
         pf_supervisor_trip(&state->supervisor, PF_FAULT_NUMERIC, &verdict);
         demand = no_demand();
     }
@@ -588,4 +708,5 @@ void pendubot_control_step(pendubot_control_state_t *state,
     output->reason = verdict.reason;
     output->phase = state->phase;
     output->law_status = (uint32_t)demand.status;
+    state->seal = memory_checksum(state);
 }

@@ -104,7 +104,8 @@ typedef struct {
     uint32_t periods; /* since the law was engaged */
     uint32_t phase; /* what SWING_UP does */
     uint32_t checksum; /* of the parameters last judged */
-    uint32_t ready; /* 1 once the parameters were found good */
+    uint32_t ready; /* 1 where init found the parameters good */
+    uint32_t seal; /* checksum of all but the supervisor's memory */
 } pendubot_control_state_t;
 
 /* What the controller commands, and the signals worth logging. */
@@ -130,7 +131,10 @@ extern const pendubot_control_params_t pendubot_control_rig;
 /* Returns the checksum of *params, the member checksum left out; the same on every machine. */
 uint32_t pendubot_control_checksum(const pendubot_control_params_t *params);
 
-/* Writes the checksum of *params into it: what stands there now is meant. */
+/*
+ * Writes the checksum of *params into it: what stands there now is meant. The next period judges it:
+ * if it is out of bounds that is a fault, which RESET ends once a good block is sealed.
+ */
 void pendubot_control_seal(pendubot_control_params_t *params);
 
 /*
