@@ -29,7 +29,8 @@
 #define TWO_PI 6.283185307179586
 #define TWO_TO_32 4294967296.0
 #define LONGEST_GAP 64U
-#define LARGEST_REACH 0xffffffU /* counts: 2^63 of them take 17 years at 1 kHz */
+#define LARGEST_REACH 0xffffffU /* counts a period: 2^62 of them take 8 years at 1 kHz */
+#define LARGEST_COUNT (INT64_C(1) << 62)
 
 static int lies_within(double value, double least, double most)
 {
@@ -181,12 +182,19 @@ static pf_sensing_status_t take(pf_sensing_state_t *state, uint32_t raw)
     return PF_SENSING_OK;
 }
 
+/* Judged by constants too: a memory that was overwritten must not make the loop above long. */
+static int position_is_known(const pf_sensing_state_t *state)
+{
+    return (state->missed <= state->longest_gap) && (state->missed <= LONGEST_GAP)
+        && (state->count <= LARGEST_COUNT) && (state->count >= -LARGEST_COUNT);
+}
+
 static pf_sensing_status_t sense(pf_sensing_state_t *state, const pf_sensing_input_t *input)
 {
     if (state->ready != 1U) {
         return PF_SENSING_BAD_PARAMETER;
     }
-    if (state->missed > state->longest_gap) {
+    if (!position_is_known(state)) {
         return PF_SENSING_STALE;
     }
     if (input->valid == 0U) {

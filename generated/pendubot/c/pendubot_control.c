@@ -594,6 +594,7 @@ static demand_t swing_up(pendubot_control_state_t *state,
     if (state->phase == PENDUBOT_PHASE_ENERGY) {
         return pump_energy(params, &measured);
     }
+    state->phase = PENDUBOT_PHASE_WAITING;
     return no_demand();
 }
 
@@ -688,6 +689,7 @@ void pendubot_control_step(pendubot_control_state_t *state,
     if ((verdict.torque_allowed == 1U) && (verdict.mode == (uint32_t)PF_MODE_SWING_UP)) {
         demand = swing_up(state, params, &place, verdict.entered, output);
     } else if ((verdict.torque_allowed == 1U) && (verdict.mode == (uint32_t)PF_MODE_BALANCE)) {
+        state->phase = PENDUBOT_PHASE_WAITING;
         demand = balance(state, params, &place, verdict.entered, output);
     } else {
         state->phase = PENDUBOT_PHASE_WAITING;
