@@ -105,6 +105,7 @@ def _make(reference: str, chosen: list[Choice]) -> Made:
             ("pdf", figure.image.pdf),
             ("csv", figure.csv),
         )
+        if data is not None
     }
     content |= {PAGE: page.encode(), DOCUMENT: _text(document)}
     if document["claims"]:
@@ -151,7 +152,7 @@ def _document(
                 "number": f.number,
                 "section": f.section,
                 "title": f.title,
-                "files": [f"figures/{f.name}.{kind}" for kind in ("svg", "pdf", "csv")],
+                "files": [f"figures/{f.name}.{kind}" for kind in f.kinds],
             }
             for r in results.values()
             for f in r.figures

@@ -18,17 +18,35 @@ def twin_document(
 ) -> dict[str, Any]:
     """Fly a scenario with a [twin] table; on an emulator also on the host, and compare."""
     from pfaffian.runtime.twin.read import read_twin
-    from pfaffian.runtime.twin.recording import Wanted, differing_bits
+    from pfaffian.runtime.twin.recording import Wanted
     from pfaffian.runtime.twin.rig import plant_model
 
     scenario = read_twin(reference, generated, set_name)
     model = plant_model(scenario.base.folder)
     if mode == "host":
         return _document(_fly(scenario, model, "host", Wanted(rigs=())), "host")
-    wanted = Wanted(rigs=range(scenario.rigs))
+    return _compared(scenario, model, mode, Wanted(rigs=range(scenario.rigs)))[1]
+
+
+def whole_flight(reference: str, generated: Path) -> tuple[Flight, dict[str, Any]]:
+    """Fly a scenario of one rig on the emulated 750 and on the host; return the latter with both
+    flights' document."""
+    from pfaffian.runtime.twin.read import read_twin
+    from pfaffian.runtime.twin.recording import Wanted
+    from pfaffian.runtime.twin.rig import plant_model
+
+    scenario = read_twin(reference, generated)
+    return _compared(scenario, plant_model(scenario.base.folder), "unicorn", Wanted())
+
+
+def _compared(
+    scenario: TwinScenario, model: GeneratedModel, mode: str, wanted: Wanted
+) -> tuple[Flight, dict[str, Any]]:
+    from pfaffian.runtime.twin.recording import differing_bits
+
     there = _fly(scenario, model, "ppc750", wanted)
     here = _fly(scenario, model, "host", wanted)
-    return {
+    return here, {
         **_document(there, f"pil-{mode}"),
         "host_trajectory_sha256": here.sha256(),
         "differing_bits": differing_bits(here, there),

@@ -53,6 +53,14 @@ _ACCENTS = {"^": "\u02c6", "~": "\u02dc", "\u02d9": "\u02d9", "\u2015": "_"}
 
 
 @dataclass(frozen=True)
+class WholeFlight:
+    """A flight of the complete controller: an SVG that moves, and what its command prints."""
+
+    film: bytes
+    found: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class ReportData:
     """What a run found out.
 
@@ -65,6 +73,7 @@ class ReportData:
     verification: Mapping[str, Any]
     build: Mapping[str, Any]
     agreement: Mapping[str, int]
+    whole: WholeFlight | None = None
 
 
 def render_report(data: ReportData) -> str:
@@ -88,6 +97,8 @@ def render_report(data: ReportData) -> str:
         "tracking_rows": _tracking_rows(data.flights),
         "sample_time": f"{1e3 * data.flights[0].scenario.sample_time:g} ms",
         "animation": None if animation is None else _embedded(animation),
+        "whole": data.whole,
+        "film": Markup(data.whole.film.decode()) if data.whole else "",
         "histories": history_figures(data.flights, labels),
         "verification_figure": verification_figure(rows, limit),
         "sections": [_section(s, derivation["identities"]) for s in derivation["sections"]],

@@ -73,14 +73,23 @@ def report_scenarios(model: str) -> list[str]:
 
     Raises `InputError` where there is none.
     """
-    documents = {name: read_toml(path) for name, path in scenario_paths().items()}
-    names = [n for n, d in documents.items() if d.get("model") == model and d.get("in_report")]
+    names = [n for n, d in _in_report(model).items() if "twin" not in d]
     if not names:
         raise InputError(
             f"no scenario of model {model} is marked for the report",
             remedy="write a scenario with in_report = true, or fly one: pfaffian pil SCENARIO",
         )
     return names
+
+
+def report_twin(model: str) -> str | None:
+    """Return the scenario of the complete controller of `model` that the main job flies."""
+    return next((n for n, d in _in_report(model).items() if "twin" in d), None)
+
+
+def _in_report(model: str) -> dict[str, dict[str, Any]]:
+    documents = {name: read_toml(path) for name, path in scenario_paths().items()}
+    return {n: d for n, d in documents.items() if d.get("model") == model and d.get("in_report")}
 
 
 def read_scenario(

@@ -18,7 +18,7 @@ from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.generated_model import GeneratedFolder
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.report import ReportData, flight_labels, mathml, render_report
+from pfaffian.runtime.report import ReportData, WholeFlight, flight_labels, mathml, render_report
 from pfaffian.runtime.report_figures import number_text, symbol_text, two_link_lengths, unit_text
 from pfaffian.runtime.scenario import Scenario, read_scenario
 
@@ -206,6 +206,28 @@ def test_shows_the_figures(page: str, flights: tuple[Trajectory, ...]) -> None:
         for name, value in tracking_metrics(flight).items():
             if not name.startswith("mae_"):
                 assert _text(number_text(value, 4, True)) in text, name
+
+
+def test_the_complete_controller_is_shown(flights: tuple[Trajectory, ...]) -> None:
+    found = {
+        "scenario": "rig-swing-up",
+        "steps": 35_000,
+        "captured": True,
+        "time_to_capture": 1.711,
+        "differing_bits": 0,
+        "trajectory_sha256": "ab" * 32,
+    }
+    film = b'<svg xmlns="http://www.w3.org/2000/svg" class="film"><animate dur="5s"/></svg>'
+    shown = render_report(dataclasses.replace(_data(flights), whole=WholeFlight(film, found)))
+    structure = _Structure(shown)
+    assert structure.faults == []
+    assert film.decode() in shown
+    assert "Held to the end from 1.711 s on. Host and target computed identical bits." in _text(
+        shown
+    )
+    bad = {**found, "captured": False, "differing_bits": 3}
+    text = _text(render_report(dataclasses.replace(_data(flights), whole=WholeFlight(film, bad))))
+    assert "It was not caught. 3 bits differ between host and target." in text
 
 
 def test_figures_have_every_flight_and_axes(page: str, flights: tuple[Trajectory, ...]) -> None:

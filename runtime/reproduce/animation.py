@@ -22,11 +22,13 @@ _LEFT, _RIGHT = 380.0, 612.0
 _STRIPS = (("q₁ − π/2", 92.0), ("q₂", 202.0), ("τ", 312.0))
 _HALF = 38.0
 _STYLE = """
-svg{font:13px system-ui,sans-serif;--ink:#1f2328;--muted:#656d76;--grid:#d0d7de;
+.film{font:13px system-ui,sans-serif;--ink:#1f2328;--muted:#656d76;--grid:#d0d7de;
 --one:#0072b2;--two:#d55e00}
-@media(prefers-color-scheme:dark){svg{--ink:#e6edf3;--muted:#8d96a0;--grid:#3d444d;--one:#58a6ff;--two:#f0883e}}
-text{fill:var(--ink)}.m{fill:var(--muted);font-size:11px}.g{stroke:var(--grid);fill:none}
-.l{stroke-width:9;stroke-linecap:round}.c{fill:none;stroke-width:1.4}
+@media(prefers-color-scheme:dark){
+.film{--ink:#e6edf3;--muted:#8d96a0;--grid:#3d444d;--one:#58a6ff;--two:#f0883e}}
+.film text{fill:var(--ink)}.film .m{fill:var(--muted);font-size:11px}
+.film .g{stroke:var(--grid);fill:none}.film .l{stroke-width:9;stroke-linecap:round}
+.film .c{fill:none;stroke-width:1.4}
 """
 
 
@@ -39,8 +41,9 @@ def animated_flight(flight: Flight, seconds: float = _LENGTH) -> bytes:
     end = float(time[-1])
     q1, q2 = (flight.signals[n][picked, 0] for n in ("q1", "q2"))
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" '
-        f'aria-label="The Pendubot swings up from hanging and is held upright">',
+        '<svg xmlns="http://www.w3.org/2000/svg" class="film" role="img" '
+        f'viewBox="0 0 {_WIDTH} {_HEIGHT}" '
+        'aria-label="The Pendubot swings up from hanging and is held upright">',
         f"<style>{_STYLE}</style>",
         _links(q1, q2, end),
         *_strips(flight, last, end),
@@ -48,6 +51,17 @@ def animated_flight(flight: Flight, seconds: float = _LENGTH) -> bytes:
         "</svg>\n",
     ]
     return "\n".join(parts).encode()
+
+
+def shown_csv(flight: Flight, seconds: float = _LENGTH) -> bytes:
+    """Return what the animation shows as CSV: time [s], angles [rad], torque [N m] and mode."""
+    last = round(seconds / flight.scenario.base.sample_time)
+    names = ("q1", "q2", "tau", "mode")
+    columns = [flight.time[: last + 1, 0], *(flight.signals[n][: last + 1, 0] for n in names)]
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return "\n".join(
+        [",".join(("t", *names)), *(",".join(map(repr, r)) for r in rows), ""]
+    ).encode()
 
 
 def _timing(end: float) -> str:

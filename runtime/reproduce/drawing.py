@@ -76,10 +76,11 @@ class Bars:
 
 @dataclass(frozen=True)
 class Image:
-    """A drawn figure in two vector formats, the same bytes for the same data."""
+    """A drawn figure in two vector formats, the same bytes for the same data; a moving one has no
+    `pdf`."""
 
     svg: bytes
-    pdf: bytes
+    pdf: bytes | None
 
 
 def histories(titles: Sequence[str], rows: Sequence[Row]) -> Image:

@@ -42,6 +42,7 @@ def render_page(
                     "number": f.number,
                     "title": f.title,
                     "caption": f.caption,
+                    "kinds": f.kinds,
                     "data": base64.b64encode(f.image.svg).decode(),
                 }
                 for f in result.figures

@@ -26,6 +26,11 @@ class Drawn:
     image: Image
     csv: bytes
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of its files."""
+        return ("svg", "csv") if self.image.pdf is None else ("svg", "pdf", "csv")
+
 
 @dataclass(frozen=True)
 class Claim:

@@ -25,7 +25,7 @@ LAWS, RIGS, GRID = "section-6-laws", "section-6-rigs", "section-6-grid"
 #: Errors count from a flight's last entry into BALANCE, for so long [s].
 WINDOW = 10.0
 LAST_SECONDS = 2.0
-_PLAN_PHASE = 2
+PLAN_PHASE = 2
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,17 @@ def case_of(campaign: Campaign, **points: str) -> Case:
 
 
 def fly_recorded(
-    scenario: TwinScenario, machine: str = "host", every: int = 1, threads: int = 1
+    scenario: TwinScenario, machine: str = "host", signals: tuple[str, ...] = ()
 ) -> Flight:
-    """Fly a scenario of one rig and keep its signals."""
+    """Fly a scenario of one rig and keep its signals, or those named."""
     model = plant_model(scenario.base.folder)
     unit = CONTROLLERS[scenario.controller](scenario, model, machine)
-    return fly_twin(scenario, unit, Wanted(every=every), model=model, threads=threads)
+    return fly_twin(scenario, unit, Wanted(signals=signals), model=model)
 
 
 def fly_measured(scenario: TwinScenario) -> tuple[Measures, str, int]:
     """Fly a scenario of one rig; return its measures, the digest and the first fault."""
-    flight = fly_recorded(scenario)
+    flight = fly_recorded(scenario, signals=("mode", *scenario.coordinates, *scenario.actuators))
     return measured(flight), flight.sha256(), int(flight.statistics.first_fault[0])
 
 
@@ -164,7 +164,7 @@ def swing_of(flight: Flight) -> Swing:
 def following(flight: Flight) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the largest and the root mean square distance of both angles from the plan [rad]."""
     of = flight.scenario
-    on = np.flatnonzero(flight.signals["phase"][:, 0] == _PLAN_PHASE)
+    on = np.flatnonzero(flight.signals["phase"][:, 0] == PLAN_PHASE)
     if not len(on):
         return (float("nan"),) * 2, (float("nan"),) * 2
     model = plant_model(of.base.folder)

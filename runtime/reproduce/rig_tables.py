@@ -80,15 +80,15 @@ def swings_table(found: Mapping[str, Swing]) -> Table:
     return Table("swing-ups", "6", "Planned swing-up and energy law", columns, tuple(rows), note)
 
 
-def rigs_row(name: str, found: Statistics) -> tuple[str, ...]:
-    """Return the row of one swing-up in the table of rigs."""
+def rigs_row(name: str, found: Statistics, faulty: bool) -> tuple[str, ...]:
+    """Return the row of one swing-up in the table of rigs; a fault leaves none of them caught."""
     caught, count = caught_within(found), len(found.lost)
     times = np.sort(found.capture_time[found.captured])
     spread = [figure(times[round(q * (len(times) - 1))]) if len(times) else "–" for q in _SHARES]
     return (
         name,
         str(count),
-        f"{int(caught.sum())} ({100 * caught.mean():.1f} %)",
+        "–" if faulty else f"{int(caught.sum())} ({100 * caught.mean():.1f} %)",
         *spread,
         figure(float(found.peak_torque.max())),
         str(int(found.violations.sum())),
@@ -144,56 +144,6 @@ def drawn_parameters(scenario: TwinScenario, rigs: Rigs) -> dict[str, Array]:
     return found
 
 
-def distinguishing(drawn: Mapping[str, Array], failed: Array) -> list[tuple[str, float, float]]:
-    """Return (name, coefficient, mean of the failed) of a regression of failure, largest first.
-
-    Coefficients are of the standardised draws, in standard deviations of the 0/1 outcome.
-    """
-    if not failed.any() or failed.all():
-        return []
-    x = np.stack([(v - v.mean()) / (v.std() or 1.0) for v in drawn.values()], 1)
-    y = failed.astype(float)
-    weights = np.linalg.lstsq(x, (y - y.mean()) / y.std(), rcond=None)[0]
-    rows = [
-        (n, round(float(w), 3), round(float(v[failed].mean()), 3))
-        for (n, v), w in zip(drawn.items(), weights, strict=True)
-    ]
-    return sorted(rows, key=lambda row: -abs(row[1]))
-
-
-def failures_table(swing_up: str, seed: int, found: Statistics) -> Table:
-    """Return every rig that was not caught in time, with its number, seed and end."""
-    rows = []
-    for k in np.flatnonzero(~caught_within(found)):
-        late = found.capture_time[k]
-        rows.append(
-            (
-                str(int(k)),
-                str(seed),
-                figure(float(found.balance_time[k])),
-                figure(float(late)),
-                str(int(found.last_mode[k])),
-                str(int(found.first_fault[k])),
-                figure(float(found.mae2[k].max())),
-            )
-        )
-    columns = ("rig", "seed", "in BALANCE from [s]", "caught at [s]", "last mode", "fault", "MAE2")
-    title = f"Rigs not caught within {WITHIN:.0f} s: {swing_up}"
-    return Table(f"failures-{swing_up}", "6", title, columns, tuple(rows))
-
-
-def distinguishing_table(swing_up: str, rows: Sequence[tuple[str, float, float]]) -> Table:
-    """Return what distinguishes the rigs that failed."""
-    title = f"What the failures have in common: {swing_up}"
-    columns = ("drawn", "coefficient", "mean of the failed [half-widths]")
-    note = (
-        "Linear regression of failure on the draws, both standardised; "
-        "a mean of 0 is no preference."
-    )
-    made = tuple((n, f"{c:+.3f}", f"{m:+.3f}") for n, c, m in rows)
-    return Table(f"failures-{swing_up}-why", "6", title, columns, made, note)
-
-
 def grid_tables(found: Mapping[tuple[str, str, str], Statistics]) -> list[Table]:
     """Return time to capture by rate and limit, a table for each swing-up."""
     tables = []
@@ -204,7 +154,7 @@ def grid_tables(found: Mapping[tuple[str, str, str], Statistics]) -> list[Table]
             times = [float(found[rate, limit, swing_up].capture_time[0]) for limit in limits]
             rows.append((rate, *(figure(t) for t in times)))
         title = f"Time to capture [s] by sample rate and torque limit: {swing_up}"
-        note = "BALANCE with both errors within 0.03 rad to the end, of 30 s; a dash: not."
+        note = "BALANCE with both errors within 0.03 rad to the flight's end; a dash: not."
         columns = ("rate", *limits)
         tables.append(Table(f"grid-{swing_up}", "6", title, columns, tuple(rows), note))
     return tables

@@ -61,7 +61,7 @@ class Twin:
                 observer.take(time, live, reading.truth, command)
                 fingerprint.take(command, live)
                 due = recorder.due(turn)
-                more = {"energy": self.rigs.energy(recorder.rigs)} if due else {}
+                more = self._energy(recorder) if due else {}
                 self.rigs.advance(start, following - start, command.torque)
                 if due:
                     more |= self._applied(recorder.rigs)
@@ -76,6 +76,10 @@ class Twin:
     def _time(self, start: Array) -> Array:
         """Return the time of substeps, seconds: k T exactly at nominal instants."""
         return np.asarray(self.scenario.base.sample_time * (start / self.scenario.substeps))
+
+    def _energy(self, recorder: Recorder) -> dict[str, Array]:
+        """Return the energy of the recorded rigs before the turn, if it is wanted."""
+        return {"energy": self.rigs.energy(recorder.rigs)} if recorder.wants("energy") else {}
 
     def _applied(self, rigs: Array) -> dict[str, Array]:
         names = self.scenario.actuators

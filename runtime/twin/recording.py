@@ -114,6 +114,10 @@ class Recorder:
         """Return whether a turn is recorded."""
         return len(self._rigs) > 0 and turn % self._wanted.every == 0
 
+    def wants(self, name: str) -> bool:
+        """Return whether a signal is recorded."""
+        return not self._wanted.signals or name in self._wanted.signals
+
     def take(
         self,
         turn: int,
@@ -125,14 +129,14 @@ class Recorder:
     ) -> None:
         """Record a turn; `more` holds signals (R,) of the recorded rigs."""
         row, rigs = turn // self._wanted.every, self._rigs
-        found = {n: a[rigs] for n, a in _signals(self._scenario, reading, command).items()}
-        found.update(more)
+        signals = _signals(self._scenario, reading, command)
         if not self._logs:
-            self._open(found)
+            self._open({n: a[rigs] for n, a in signals.items()} | dict(more))
         alive = np.ones(len(rigs), bool) if live is None else live[rigs]
         self._time[row, alive] = time[rigs][alive]
         for name, log in self._logs.items():
-            log[row, alive] = found[name][alive]
+            values = more[name] if name in more else signals[name][rigs]
+            log[row, alive] = values[alive]
 
     def _open(self, found: Mapping[str, Array]) -> None:
         names = self._wanted.signals or tuple(found)
