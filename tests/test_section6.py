@@ -6,6 +6,7 @@ import csv
 import io
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,3 +146,8 @@ def test_the_page_offers_what_a_moving_figure_has(flights):
     rows = list(csv.DictReader(io.StringIO(data.decode())))
     assert [float(r["q1"]) for r in rows] == list(flight.signals["q1"][: len(rows), 0])
     assert float(rows[-1]["t"]) == 4.0
+
+
+def test_the_flight_in_the_documents_is_the_one_flown_now(flights):
+    kept = Path(__file__).parent.parent / "docs" / "swing-up-flight.svg"
+    assert kept.read_bytes() == animated_flight(flights[experiment.PROPOSED])

@@ -276,6 +276,27 @@ def test_garbage_gives_finite_and_bounded_outputs(seed):
     assert (np.abs(found.velocity) <= 1.5 * fastest).all()
 
 
+@pytest.mark.parametrize(
+    "spoiled",
+    [
+        {"missed": 2**32 - 2, "longest_gap": 2**32 - 1},
+        {"missed": 65, "longest_gap": 2**32 - 1},
+        {"count": 2**62 + 1},
+        {"count": -(2**62) - 1},
+        {"count": -(2**63)},
+    ],
+)
+def test_a_memory_that_was_overwritten_is_stale_at_once(spoiled):
+    """A gap of 2^32 periods was bridged period by period, for half a minute."""
+    state = HOST.init([PAPER])
+    HOST.run(state, np.zeros((1, 1), np.uint32))
+    for name, value in spoiled.items():
+        state[name] = value
+    found = HOST.run(state, np.ones((3, 1), np.uint32))
+    assert (found.status == STALE).all()
+    assert np.isfinite(found.angle).all()
+
+
 @pytest.mark.target
 @pytest.mark.parametrize("toolchain", ["zig", "gcc"])
 def test_host_and_powerpc_give_the_same_bits(toolchain):
