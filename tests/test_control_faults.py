@@ -412,8 +412,7 @@ def wild(rng, module, count):
     boards = [Board(module, swing_up=s).brought_to(m) for s, m in ((1, 2), (1, 1), (2, 1))]
     which = rng.integers(0, len(boards), count)
     state, params, given = (
-        np.concatenate([getattr(b, r) for b in boards])[which]
-        for r in ("state", "params", "given")
+        np.concatenate([getattr(b, r) for b in boards])[which] for r in ("state", "params", "given")
     )
     given["frame"] += 1
     given["command"] = rng.integers(0, 5, count)
@@ -532,8 +531,7 @@ def sane(rng, module, count):
     boards = [Board(module, swing_up=s).brought_to(m) for s, m in ((1, 2), (1, 1), (2, 1), (2, 0))]
     which = rng.integers(0, len(boards), count)
     state, params, given = (
-        np.concatenate([getattr(b, r) for b in boards])[which]
-        for r in ("state", "params", "given")
+        np.concatenate([getattr(b, r) for b in boards])[which] for r in ("state", "params", "given")
     )
     for name in ("q1_raw", "q2_raw"):
         given[name] += rng.integers(-120, 121, count).astype(np.uint32)
