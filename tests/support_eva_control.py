@@ -103,6 +103,8 @@ int main(void)
     status = pf_sensing_step(&state, &input, &output);
     /*@ assert status: 0 <= status <= 4; */
     /*@ assert written: \\initialized(&output.angle) && \\initialized(&output.velocity); */
+    params.offset = Frama_C_double_interval(-1000.0, 1000.0);
+    params.counts_per_turn = Frama_C_double_interval(4.0, 4294967296.0);
     status = pf_sensing_init(&state, &params);
     /*@ assert status: status == 0 || status == 4; */
     status = pf_sensing_step(&state, &input, &output);
@@ -139,6 +141,10 @@ _HELP = {
             "        return value;\n    }\n    return 0.0;",
         ),
         (
+            "    if (value > limit) {",
+            "    /*@ admit !\\is_NaN(limit); */\n    if (value > limit) {",
+        ),
+        (
             "    whole = (double)(int32_t)",
             "    /*@ admit !\\is_NaN(turns); */\n    whole = (double)(int32_t)",
         ),
@@ -169,8 +175,9 @@ def control_driver(manifest, limits, init):
     for torque, limit in zip(manifest.actuators, manifest.limits, strict=True):
         within = f"\\is_finite(output.{torque})"
         if limits.value is not None:
-            rows.append(f"    params.law.{limit} = {limits.value!r};")
-            within += f" && {-limits.value!r} <= output.{torque} <= {limits.value!r}"
+            bits = limits.value.hex()  # in a contract a decimal is a real number, not a double
+            rows.append(f"    params.law.{limit} = {bits};")
+            within += f" && -{bits} <= output.{torque} <= {bits}"
         asserted += [
             f"    /*@ assert within: {within}; */",
             f"    /*@ assert allowed: output.{torque} != 0 ==> (1 <= output.mode <= 2); */",

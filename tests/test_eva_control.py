@@ -34,7 +34,7 @@ def test_the_supervisor_is_consistent_and_has_no_alarm_from_any_bits(tmp_path):
 
 @needs_eva
 def test_the_sensing_has_no_alarm_from_any_bits(tmp_path):
-    """After init, with whatever parameters, the first period's outputs are finite."""
+    """After init, within the bounds of offset and counts, the first outputs are finite."""
     assert_proved(prove_any(CODE, SENSING, tmp_path, ["pf_sensing.c"]), 5)
 
 
