@@ -27,7 +27,7 @@ _DEFINED = """\
 #include "__fc_builtin.h"
 double generated_fabs(double a)
 {
-    return (a < 0.0) ? -a : a;
+    return (a < 0.0) ? -a : ((a > 0.0) ? a : a * a); /* of -0 too, and of NaN */
 }
 double generated_fma(double a, double b, double c)
 {
