@@ -34,16 +34,19 @@ machines: $(READY)
 
 # Static analysis, sanitizers and proofs; `make test` runs them too. -rs names what is skipped.
 prove: $(READY)
-	$(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py tests/test_eva.py \
-	  tests/test_elementary_proofs.py tests/test_c_contract.py
+	PFAFFIAN_PROVE_ALL=1 $(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py \
+	  tests/test_eva.py tests/test_eva_control.py tests/test_elementary_proofs.py \
+	  tests/test_c_contract.py
 
-# The fuzzer for TIME seconds; a million bit flips with their rates.
+# The fuzzer for TIME seconds each on the step, the supervisor and the control; a million bit flips
+# in each part of the step and of the control, with their rates.
 TIME ?= 60
 fuzz: $(READY)
 	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
 
 flips: $(READY)
-	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py
+	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
+	  tests/test_control_flips.py
 
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)

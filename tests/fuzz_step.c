@@ -3,7 +3,7 @@
  *
  * The first byte says which of the three the rest is laid over; what it does not reach stays as init
  * and a parameter set give it, so that a short input is a small fault in a sensible period. Build
- * with clang -fsanitize=fuzzer, or with -DPF_FUZZ_REPLAY for a program that reads files.
+ * with clang -fsanitize=fuzzer, or with fuzz_replay.c for a program that reads files.
  */
 #include "pf_model.h"
 
@@ -94,27 +94,3 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     return 0;
 }
-
-#ifdef PF_FUZZ_REPLAY
-#include <stdio.h>
-
-int main(int count, char **names)
-{
-    static uint8_t data[4096];
-    int k;
-
-    for (k = 1; k < count; ++k) {
-        FILE *file = fopen(names[k], "rb");
-        size_t size;
-
-        if (file == NULL) {
-            return 2;
-        }
-        size = fread(data, 1U, sizeof data, file);
-        (void)fclose(file);
-        (void)LLVMFuzzerTestOneInput(data, size);
-    }
-    printf("%d inputs\n", count - 1);
-    return 0;
-}
-#endif
