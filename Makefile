@@ -46,7 +46,7 @@ fuzz: $(READY)
 
 flips: $(READY)
 	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
-	  tests/test_control_flips.py
+	  tests/test_control_flips.py tests/test_control_bits.py
 
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)

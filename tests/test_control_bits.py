@@ -1,5 +1,6 @@
 """No flipped bit or random memory makes the complete controller command what it may not."""
 
+import os
 import shutil
 import subprocess
 
@@ -23,6 +24,8 @@ from test_c_safety import garbage
 
 CORRUPT, CHECKSUM, BOUNDS = 1, 2, 3
 MODES = (IDLE, SWING_UP, BALANCE, FAULT)
+#: How many random memories are tried; `make flips` takes a million.
+RANDOM = int(os.environ.get("PFAFFIAN_FLIPS", "200000"))
 
 
 @pytest.fixture(scope="module", params=["host", pytest.param("ppc750", marks=pytest.mark.target)])
@@ -181,8 +184,8 @@ def promised(params, output):
     return allowed
 
 
-@pytest.mark.parametrize("part", range(10))
-def test_any_of_a_million_random_bit_patterns_keeps_the_promise(host, part):
+@pytest.mark.parametrize("part", range(RANDOM // 100_000))
+def test_any_random_bit_pattern_keeps_the_promise(host, part):
     """A limit that is no number, or negative, allows no torque at all."""
     rng, count = np.random.default_rng([20, part]), 100_000
     state, params, given = wild(rng, host, count)
