@@ -132,6 +132,27 @@ int main(void)
     return 0;
 }}
 """
+_STEP = """\
+#include "{model}.h"
+{defined}
+int main(void)
+{{
+    static {model}_state_t state;
+    static {model}_params_t params;
+    static {model}_input_t input;
+    {model}_output_t output;
+
+    Frama_C_make_unknown((char *)&state, sizeof state);
+    Frama_C_make_unknown((char *)&params, sizeof params);
+    Frama_C_make_unknown((char *)&input, sizeof input);
+    if (Frama_C_interval(0, 1)) {{
+        (void){model}_init(&state, &params);
+    }}
+    (void){model}_step(&state, &params, &input, &output);
+{assertions}
+    return 0;
+}}
+"""
 #: What stands in the copy instead, by file: (before, after).
 _HELP = {
     "pf_supervisor.c": (
@@ -197,6 +218,26 @@ def control_driver(manifest, limits, init):
         consistent=_CONSISTENT,
         assertions="\n".join(asserted),
     )
+
+
+def prove_step(code, scratch):
+    """Run Eva on one step of a law in `scratch`, from any bits and from what init makes of them."""
+    model, folder = code.manifest.model, scratch / "c"
+    folder.mkdir()
+    for path in (code.path / "c").glob("*.[ch]"):
+        shutil.copy(path, folder)
+    written = [
+        f"    /*@ assert written: \\initialized(&output.{f.name}); */"
+        for f in code.manifest.structures["output"].fields
+    ]
+    text = _STEP.format(model=model, defined=_DEFINED, assertions="\n".join(written))
+    (folder / "builtins.h").write_text(_BUILTINS)
+    driver = folder / "driver.c"
+    driver.write_text(text)
+    options = ["-eva-precision", "2", "-eva-domains", "equality,symbolic-locations"]
+    options += ["-warn-special-float", "none", "-eva-split-return", "auto", "-eva-slevel", "100"]
+    sources = [driver, folder / f"{model}.c", folder / "pf_elementary.c"]
+    return run_eva(sources, [folder], options, f"-include {folder / 'builtins.h'}")
 
 
 def prove_any(code, text, scratch, only=(), spoil=None):

@@ -9,7 +9,7 @@ import shutil
 
 import pytest
 from pfaffian.runtime.generated_model import open_generated
-from support_eva_control import SENSING, SUPERVISOR, Limits, control_driver, prove_any
+from support_eva_control import SENSING, SUPERVISOR, Limits, control_driver, prove_any, prove_step
 
 needs_eva = pytest.mark.skipif(
     not shutil.which("frama-c"), reason="needs frama-c: apt-get install frama-c-base"
@@ -50,6 +50,23 @@ def test_the_control_step_has_no_alarm_from_any_bits_and_keeps_its_limit(tmp_pat
 @pytest.mark.parametrize("limit", [None, 1e300, 5e-324])
 def test_other_limits_hold_and_any_bits_of_one_give_a_finite_torque(limit, init, tmp_path):
     assert_proved(prove_any(CODE, control_driver(CODE.manifest, Limits(limit), init), tmp_path), 15)
+
+
+@needs_eva
+@pytest.mark.parametrize(
+    "model",
+    [
+        *("chain", "pendubot", "pvtol"),
+        *(
+            pytest.param(m, marks=is_long)
+            for m in ("acrobot", "cart_pole", "crane", "furuta", "reaction_wheel", "tora")
+        ),
+        pytest.param("two_wheeled", marks=is_long),
+    ],
+)
+def test_a_step_of_the_law_has_no_alarm_from_any_bits(model, tmp_path):
+    """Memory, parameters and measurements; that the torque is limited is proved elsewhere."""
+    assert_proved(prove_step(open_generated(model), tmp_path), 10)
 
 
 #: By the driver that finds it: file, before, after.
