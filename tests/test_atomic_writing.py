@@ -67,12 +67,14 @@ print(json.dumps(outcomes))
 """
 #: Runs the command line, and stops for good at the first file it has written.
 STOPPED = """
-import os, signal
+import os, signal, time
 from pfaffian.cli.main import main
 def fsync(_):
     print("writing", flush=True)
-    signal.pause()
+    while True:  # a pause would miss a signal that came before it
+        time.sleep(0.05)
 os.fsync = fsync
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 main()
 """
 
