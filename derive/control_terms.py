@@ -109,6 +109,27 @@ def _angle_name(builder: BlockBuilder, angle: sp.Expr) -> str:
     return builder.unused("angle", angle)
 
 
+def define_terms(builder: BlockBuilder, total: sp.Add) -> sp.Expr:
+    """Define the terms of a sum that are products, and first the sums these contain."""
+
+    def named(value: sp.Expr) -> sp.Expr:
+        if not value.args or value.is_number:
+            return value
+        value = value.func(*(named(a) for a in value.args))
+        return _term(builder, value) if value.is_Add else value
+
+    terms = (term.func(*(named(a) for a in term.args)) for term in total.args if term.args)
+    plain = (term for term in total.args if not term.args)
+    return sp.Add(*plain, *(_term(builder, t) if t.is_Mul else t for t in terms))
+
+
+def _term(builder: BlockBuilder, value: sp.Expr) -> sp.Expr:
+    """Define `value` up to its sign, so that a term and its negative are one name."""
+    if value.could_extract_minus_sign():
+        return -_term(builder, -value)
+    return builder.define(builder.unused("part", value), value, "")
+
+
 def define_dynamics(
     builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics
 ) -> tuple[sp.Matrix, MassSolver, sp.Matrix]:
@@ -162,7 +183,8 @@ def define_shared(
     named |= dict(zip(spec.constraint.errors, errors, strict=True))
     s, drift = _define_residuals(builder, spec, constraint, named)
     _, solver, bias = define_dynamics(builder, spec, dynamics)
-    ad = _define_constraint_rows(builder, spec, solver, constraint.jacobian.xreplace(named))
+    jacobian = _define_jacobian(builder, spec, constraint.jacobian.xreplace(named))
+    ad = _define_constraint_rows(builder, spec, solver, jacobian)
     adb, adb_det = _define_input_gain(builder, dynamics, ad, units)
     demand = []
     for r, (b, d) in enumerate(zip(numbered("b", m), numbered("demand", m), strict=True)):
@@ -182,6 +204,32 @@ def define_shared(
     return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
 
 
+def _define_jacobian(builder: BlockBuilder, spec: ModelSpec, jacobian: sp.Matrix) -> sp.Matrix:
+    """Define the entries of A (m, n) that are sums.
+
+    Each is used in every entry of A D: rounded once, it is the same in all of them. Of several
+    constraints the terms of these sums are named too: det ADB may not depend at all on what they
+    share, as on the direction of the axes, but their rounding is each one's own.
+    """
+    units, m = LawUnits(spec), jacobian.rows
+
+    def entry(r: int, i: int) -> sp.Expr:
+        value = jacobian[r, i]
+        if not value.is_Add:
+            return value
+        if m > 1:
+            value = define_terms(builder, value)
+        rate = f"{spec.coordinates[i].unit}/s"
+        return builder.define(
+            f"jacobian{i + 1}" if m == 1 else f"jacobian{r + 1}{i + 1}",
+            value,
+            "entry of A, (7)",
+            unit_product((units.residuals[r], 1), (rate, -1)),
+        )
+
+    return sp.Matrix(*jacobian.shape, entry)
+
+
 def _define_constraint_rows(
     builder: BlockBuilder, spec: ModelSpec, solver: MassSolver, jacobian: sp.Matrix
 ) -> sp.Matrix:
@@ -195,6 +243,7 @@ def _define_constraint_rows(
                 "ad" if m == 1 else f"ad{r + 1}",
                 "entry of A D, D = M^-1",
                 [unit_product((units.residuals[r], 1), ("s", -1), (f, -1)) for f in forces],
+                of_several=m > 1,
             )
             for r in range(m)
         ]

@@ -192,11 +192,12 @@ def _energy(spec: ModelSpec, dynamics: Dynamics) -> Block:
     builder = BlockBuilder("energy", f"{spec.title}: total energy")
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
-    mass, _, _ = define_dynamics(builder, spec, dynamics)
-    rates = sp.Matrix(spec.velocities)
-    kinetic = builder.define("kinetic", (rates.T * mass * rates)[0] / 2, "q'^T M q'/2", "J")
-    named = define_trigonometry(builder, [dynamics.potential_energy])
-    potential = builder.define("potential", dynamics.potential_energy.xreplace(named), "V", "J")
+    forms = (dynamics.kinetic_form, dynamics.potential_form)
+    named = define_trigonometry(builder, forms)
+    kinetic, potential = (
+        builder.define(name, form.xreplace(named), text, "J")
+        for name, form, text in zip(("kinetic", "potential"), forms, ("T", "V"), strict=True)
+    )
     builder.give("energy", kinetic + potential, "J", "T + V")
     return builder.build()
 

@@ -106,10 +106,28 @@ class MassSolver:
         return define_factors(self._builder, self._mass)
 
     def define_row(
-        self, row: sp.Matrix, base: str, text: str, units: Sequence[str]
+        self, row: sp.Matrix, base: str, text: str, units: Sequence[str], *, of_several: bool = False
     ) -> list[sp.Expr]:
-        """Define `row` D (n,) with D = M^-1, for a row (1, n)."""
-        return list(self._solved(row.T, base, text, units))
+        """Define `row` D (n,) with D = M^-1, for a row (1, n).
+
+        Of `of_several` rows the products are named as well: what rounding does to them differs from
+        row to row, and in the determinant of the rows that is all that is left of M's entries.
+        """
+        right = row.T
+        if of_several and self._mass.rows <= SMALL:
+            return self._defined_by_products(right, base, text, units)
+        return list(self._solved(right, base, text, units))
+
+    def _defined_by_products(
+        self, right: sp.Matrix, base: str, text: str, units: Sequence[str]
+    ) -> list[sp.Expr]:
+        adjugate, found = self._mass.adjugate(), []
+        for i in range(right.rows):
+            first, *others = [p for p in adjugate[i, :].multiply_elementwise(right.T) if p] or [0]
+            named = [self._builder.define(f"{base}{i + 1}_part", p, "") for p in others]
+            value = sp.Add(first, *named) / self.determinant
+            found.append(self._builder.define(f"{base}{i + 1}", value, text, units[i]))
+        return found
 
     def define_solution(
         self, right: sp.Matrix, base: str, text: str, units: Sequence[str]

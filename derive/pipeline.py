@@ -42,6 +42,7 @@ _DERIVATION_CODE = (
     "sampled_law",
     "derivation",
     "dimensions",
+    "energies",
     "following_law",
     "functions",
     "hurwitz",

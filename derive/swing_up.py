@@ -181,17 +181,17 @@ def _define_energy_error(
     kinetic = builder.define("kinetic", (rates.T * mass * rates)[0] / 2, "q'^T M q'/2", "J")
     values = []
     for name, value, text in (
-        ("potential", dynamics.potential_energy, "V"),
-        ("potential_goal", _at_goal(spec, dynamics), "V at the setpoint"),
+        ("potential", dynamics.potential_form, "V"),
+        ("potential_goal", _at_goal(spec, dynamics.potential_form), "V at the setpoint"),
     ):
         named = define_trigonometry(builder, [value])
         values.append(builder.define(name, value.xreplace(named), text, "J"))
     return builder.define("energy_error", kinetic + values[0] - values[1], "E~", "J")
 
 
-def _at_goal(spec: ModelSpec, dynamics: Dynamics) -> sp.Expr:
+def _at_goal(spec: ModelSpec, potential: sp.Expr) -> sp.Expr:
     goal = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
-    return dynamics.potential_energy.subs(goal, simultaneous=True)
+    return potential.subs(goal, simultaneous=True)
 
 
 def _define_row(
@@ -225,7 +225,7 @@ def _limit(spec: ModelSpec, dynamics: Dynamics) -> Block:
         builder.take(c.position, c.unit, c.description, ANGLE if c in left else "input")
     take_parameters(builder, spec, "lumped", "plant", "gain")
     least = least_potential(spec, dynamics)
-    drop = _at_goal(spec, dynamics) - least
+    drop = _at_goal(spec, dynamics.potential_energy) - least
     mass, a = dynamics.mass_matrix, _acted(spec)
     named = define_trigonometry(builder, [drop, *mass])
     potential = builder.define("drop", drop.xreplace(named), "V(goal) - V(q), at most", "J")
