@@ -13,8 +13,9 @@ import sympy as sp
 from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.dimensions import force_unit, unit_product
+from pfaffian.derive.forms import grouped, single_angles
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.linear_solve import SMALL, MassSolver
+from pfaffian.derive.linear_solve import SMALL, MassSolver, determinant
 from pfaffian.derive.residuals import time_derivative
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 
@@ -136,8 +137,10 @@ def define_dynamics(
     """Define M and the bias h = C q' + G; return (M, what solves with M, h) in those names."""
     n = len(spec.coordinates)
     units = [c.unit for c in spec.coordinates]
-    raw = dynamics.coriolis_force + dynamics.gravity
-    named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
+    raw = (dynamics.coriolis_force + dynamics.gravity).applyfunc(single_angles)
+    entries = dynamics.mass_matrix.applyfunc(lambda entry: grouped(entry, spec.positions))
+    det = grouped(determinant(dynamics), spec.positions) if n <= SMALL else sp.S.One
+    named = define_trigonometry(builder, [*entries, *raw, det])
     mass = sp.zeros(n, n)
     for i in range(n):
         for j in range(i, n):
@@ -145,7 +148,7 @@ def define_dynamics(
                 continue  # a zero stays one, and the factorisation makes use of it
             mass[i, j] = mass[j, i] = builder.define(
                 f"m{i + 1}{j + 1}",
-                dynamics.mass_matrix[i, j].xreplace(named),
+                entries[i, j].xreplace(named),
                 "mass matrix, (1)",
                 unit_product(("J*s^2", 1), (units[i], -1), (units[j], -1)),
             )
@@ -155,7 +158,7 @@ def define_dynamics(
         )
         for i in range(n)
     ]
-    return mass, MassSolver(builder, mass, dynamics, named), sp.Matrix(names)
+    return mass, MassSolver(builder, mass, det.xreplace(named)), sp.Matrix(names)
 
 
 def define_shared(

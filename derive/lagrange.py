@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
-from pfaffian.derive.energies import grouped
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec

@@ -6,7 +6,7 @@ factorisation M = L^T D L: it is shorter, and its values are the ones that have 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -76,30 +76,28 @@ def define_solution(
     return tuple(found)
 
 
+def determinant(dynamics: Dynamics) -> sp.Expr:
+    """Return det M, expanded in the parameters.
+
+    The products of the entries would cancel most of each other's digits.
+    """
+    return sp.expand(dynamics.mass_matrix.det())
+
+
 class MassSolver:
     """Solves with M in one block: by the adjugate up to `SMALL` coordinates, else by factors.
 
     What it needs besides M, the determinant or the factors, is defined when it is first used.
     """
 
-    def __init__(
-        self,
-        builder: BlockBuilder,
-        mass: sp.Matrix,
-        dynamics: Dynamics,
-        named: Mapping[sp.Basic, sp.Symbol],
-    ) -> None:
-        """Take M in the names defined, and the same matrix as `dynamics` has it."""
-        self._builder, self._mass, self._dynamics, self._named = builder, mass, dynamics, named
+    def __init__(self, builder: BlockBuilder, mass: sp.Matrix, determinant: sp.Expr) -> None:
+        """Take M, and up to `SMALL` coordinates det M, in the names defined."""
+        self._builder, self._mass, self._determinant = builder, mass, determinant
 
     @cached_property
     def determinant(self) -> sp.Symbol:
-        """Define det M, expanded in the parameters.
-
-        The products of the entries would cancel most of each other's digits.
-        """
-        expanded = sp.expand(self._dynamics.mass_matrix.det()).xreplace(self._named)
-        return self._builder.define("det_m", expanded, "determinant of the mass matrix")
+        """Define det M."""
+        return self._builder.define("det_m", self._determinant, "determinant of the mass matrix")
 
     @cached_property
     def _factors(self) -> Factors:

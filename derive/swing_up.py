@@ -25,7 +25,7 @@ from pfaffian.derive.dimensions import dimension_of, unit_product
 from pfaffian.derive.functions import side
 from pfaffian.derive.identities import Identity
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.linear_solve import SMALL, MassSolver
+from pfaffian.derive.linear_solve import SMALL, MassSolver, determinant
 from pfaffian.derive.normal_form import is_zero, trigonometric_sum, zero_matrix
 from pfaffian.derive.spec import Coordinate, ModelSpec, SwingUp
 from pfaffian.derive.swing_up_limit import ANGLE, LIMIT, PROGRAM
@@ -229,7 +229,8 @@ def _limit(spec: ModelSpec, dynamics: Dynamics) -> Block:
     mass, a = dynamics.mass_matrix, _acted(spec)
     named = define_trigonometry(builder, [drop, *mass])
     potential = builder.define("drop", drop.xreplace(named), "V(goal) - V(q), at most", "J")
-    solver = MassSolver(builder, mass.xreplace(named), dynamics, named)
+    det = determinant(dynamics).xreplace(named) if mass.rows <= SMALL else sp.S.One
+    solver = MassSolver(builder, mass.xreplace(named), det)
     acted = acted_coordinate(spec)
     unit = unit_product(("s", 2), ("J", 2), (acted.unit, -2))
     if mass.rows > SMALL:
