@@ -13,7 +13,7 @@ import sympy as sp
 from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.dimensions import force_unit, unit_product
-from pfaffian.derive.forms import grouped, single_angles
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.linear_solve import SMALL, MassSolver, determinant
 from pfaffian.derive.residuals import time_derivative
@@ -137,7 +137,7 @@ def define_dynamics(
     """Define M and the bias h = C q' + G; return (M, what solves with M, h) in those names."""
     n = len(spec.coordinates)
     units = [c.unit for c in spec.coordinates]
-    raw = (dynamics.coriolis_force + dynamics.gravity).applyfunc(single_angles)
+    raw = dynamics.coriolis_force + dynamics.gravity
     entries = dynamics.mass_matrix.applyfunc(lambda entry: grouped(entry, spec.positions))
     det = grouped(determinant(dynamics), spec.positions) if n <= SMALL else sp.S.One
     named = define_trigonometry(builder, [*entries, *raw, det])

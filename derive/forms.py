@@ -36,8 +36,21 @@ def _grouped_sum(total: sp.Add, moving: frozenset[sp.Symbol]) -> sp.Expr:
     if opened != total and opened.is_Add:
         other = _collected(opened.args, moving)
         if len(sp.Add.make_args(other)) <= len(sp.Add.make_args(found)):
-            return other
-    return found
+            found = other
+    return _gathered(found, moving)
+
+
+def _gathered(total: sp.Expr, moving: frozenset[sp.Symbol]) -> sp.Expr:
+    """Return a x + b x as (a + b) x where a and b are products of positive parameters.
+
+    Their sum loses no digits, and is computed once from the parameters.
+    """
+    shares: dict[sp.Expr, list[sp.Expr]] = {}
+    for term in sp.Add.make_args(total):
+        fixed, moved = term.as_independent(*moving, as_Add=False)
+        key = moved if fixed.is_positive and moved != 1 else term
+        shares.setdefault(key, []).append(term / key)
+    return sp.Add(*(sp.Add(*parts) * key for key, parts in shares.items()))
 
 
 def _collected(terms: Iterable[sp.Expr], moving: frozenset[sp.Symbol]) -> sp.Expr:
@@ -95,10 +108,3 @@ def _is_square(function: type[sp.Function]) -> Callable[[sp.Basic], bool]:
 
 def _square_by(kept: type[sp.Function]) -> Callable[[sp.Pow], sp.Expr]:
     return lambda square: 1 - kept(square.base.args[0]) ** 2
-
-
-def single_angles(expression: sp.Expr) -> sp.Expr:
-    """Return `expression` with 2 sin x cos x for the sine of twice an angle."""
-    return expression.replace(
-        _is_double(sp.sin), lambda e: 2 * sp.sin(e.args[0] / 2) * sp.cos(e.args[0] / 2)
-    )

@@ -104,7 +104,7 @@ class MassSolver:
         return define_factors(self._builder, self._mass)
 
     def define_row(
-        self, row: sp.Matrix, base: str, text: str, units: Sequence[str], *, of_several: bool = False
+        self, row: sp.Matrix, base: str, text: str, units: Sequence[str], of_several: bool = False
     ) -> list[sp.Expr]:
         """Define `row` D (n,) with D = M^-1, for a row (1, n).
 

@@ -51,17 +51,18 @@ def draw(
     """Return `count` samples of each of `inputs`, those of `block`, all of which `unit` holds.
 
     Measurements lie within what the generated code takes for one, and inputs named in `fixed` have
-    that one value, as where a parameter set is folded into the code. A sample is redrawn, where it was drawn, until the mass matrix is positive definite there, the
-    precision `holds` what follows from it, and `block` takes no sine of an angle beyond
-    `SINCOS_MAX`, as of a fast reference after a long time.
+    that one value, as where a parameter set is folded into the code. A sample is redrawn, where it
+    was drawn, until the mass matrix is positive definite there, the precision `holds` what follows
+    from it, and `block` takes no sine of an angle beyond `SINCOS_MAX`, as of a fast reference after
+    a long time.
     """
     angles = _angles(block) if block else []
     near = rng.random(count) < 0.5
-    held_fixed = {n: np.float64(v) for n, v in (fixed or {}).items()}
+    given = fixed or {}
 
     def mixed(near: Array) -> dict[str, Array]:
         values = _rounded(model, _mixed(model, inputs, sets, near, rng), unit)
-        return {n: np.full_like(v, held_fixed[n]) if n in held_fixed else v for n, v in values.items()}
+        return {n: np.full_like(v, given[n]) if n in given else v for n, v in values.items()}
 
     values = mixed(near)
     beyond, beyond_near, open_ = 0, 0, np.arange(count)

@@ -51,7 +51,8 @@ class Unit:
         """Return the largest magnitude that the generated code takes below `bound`."""
         if self.precision == "double":
             return float(np.nextafter(bound, 0.0))
-        return float(np.nextafter(np.float32(PRECISIONS[self.precision].at_most(bound)), np.float32(0)))
+        single = np.float32(PRECISIONS[self.precision].at_most(bound))
+        return float(np.nextafter(single, np.float32(0.0)))
 
     def rounded(self, values: Array) -> Array:
         """Return float64 values that this precision holds exactly."""
