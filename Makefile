@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 JOBS ?= 2
 
 .PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench reproduce \
-  setup clean
+  docs setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -63,6 +63,11 @@ bench: $(READY)
 # Every simulation of the paper, its convergence tables and the verdicts on its claims (minutes).
 reproduce: $(READY)
 	$(BIN)/pfaffian reproduce all
+
+# Every printed block of the README and of docs/ run again and compared (long); `make docs
+# RENEW=--write` puts the figures printed now into the pages.
+docs: $(READY)
+	$(BIN)/python docs/printed.py $(RENEW)
 
 setup: $(READY)
 
