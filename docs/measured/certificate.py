@@ -1,6 +1,6 @@
 """The table of docs/certificate.md: sections 5.1 to 5.3 with adaptation, certified.
 
-    python docs/measured/certificate.py
+python docs/measured/certificate.py
 """
 
 import json

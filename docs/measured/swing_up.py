@@ -1,6 +1,6 @@
 """The tables of docs/swing-up.md: the generated law on the generated plant, `rig`, from hanging.
 
-    python docs/measured/swing_up.py first|starts|limit|rest
+python docs/measured/swing_up.py first|starts|limit|rest
 """
 
 import sys
@@ -50,13 +50,15 @@ class Flights:
 
 def first() -> None:
     """Print when the box is first reached from hanging at rest, and how."""
-    print("| gains | held for | torque limit | first in the box | q1' there | q2' there | E~ there |")
+    print(
+        "| gains | held for | torque limit | first in the box | q1' there | q2' there | E~ there |"
+    )
     print("|---|---|---|---|---|---|---|")
     rows = (("section 6, kV = 1", 25e-6, 1e3), ("section 6, kV = 1", 100e-6, 1e3))
     rows += (("section 6, kV = 2", 1e-3, 2.0), ("`rig`", 1e-3, 2.0))
     for name, period, limit in rows:
         flights = Flights(GAINS[name], np.array([[-np.pi / 2, 0.0, 0.0, 0.0]]), period, limit)
-        for k in range(round(40.0 / period)):
+        for k in range(round(40.0 / period)):  # noqa: B007
             flights.advance()
             if flights.in_box()[0]:
                 break
