@@ -7,7 +7,7 @@ import pytest
 from pfaffian.derive import pipeline
 from pfaffian.derive.library import find_model
 from pfaffian.runtime import import_closure as closure_module
-from pfaffian.runtime.import_closure import code_of, import_closure
+from pfaffian.runtime.import_closure import import_closure
 
 STAGES = {
     "derivation": (pipeline._DERIVATION, pipeline._AUTHORING),
