@@ -31,64 +31,6 @@ from pfaffian.runtime.import_closure import code_of
 if TYPE_CHECKING:
     from pfaffian.derive.derivation import Derivation
 
-<<<<<<< HEAD
-_HERE = Path(__file__).parent
-#: Modules whose text a derivation depends on; lowering depends on these and its own.
-_DERIVATION_CODE = (
-    "authoring",
-    "block",
-    "constraint",
-    "constraint_check",
-    "continuous_law",
-    "control_terms",
-    "sampled_law",
-    "derivation",
-    "dimensions",
-    "following_law",
-    "forms",
-    "functions",
-    "hurwitz",
-    "identities",
-    "lagrange",
-    "law_parameters",
-    "linear_solve",
-    "linearisation",
-    "normal_form",
-    "parameters",
-    "program",
-    "residuals",
-    "routh",
-    "spec",
-    "spec_check",
-    "swing_up",
-    "swing_up_limit",
-    "zero_dynamics",
-)
-_LOWERING_CODE = (
-    "elementary",
-    "elementary_fit",
-    "elementary_tables",
-    "lower_model",
-    "lowered",
-    "lowering",
-    "optimise/angle_sums",
-    "optimise/comparisons",
-    "optimise/divisions",
-    "optimise/multiply_add",
-    "optimise/parameter_products",
-    "optimise/passes",
-    "optimise/prepare",
-    "optimise/schedule",
-    "optimise/signs",
-    "optimise/tape",
-    "plant_digest",
-    "render",
-)
-#: What derivatives depend on besides.
-_JACOBIAN_CODE = ("jacobian",)
-#: What the coefficients of single precision depend on; no model plays a part.
-_SINGLE_CODE = ("elementary", "elementary_fit", "elementary_single", "elementary_tables")
-=======
 #: The module that each stage enters; what it imports decides the key of its results.
 _DERIVATION = "pfaffian.derive.derivation"
 _LOWERING = "pfaffian.derive.lower_model"
@@ -96,7 +38,6 @@ _JACOBIAN = "pfaffian.derive.jacobian"
 _SINGLE = "pfaffian.derive.elementary_single"
 #: What a specification imports, in a model's folder.
 _AUTHORING = "pfaffian.derive.authoring"
->>>>>>> main
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 
