@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,9 +59,9 @@ def generate_files(
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
         StageClock,
+        complete_sets,
         jacobian_programs,
         library_controls,
-        library_sets,
         lowered_model,
         parameter_set,
         plan_tables,
@@ -81,17 +82,23 @@ def generate_files(
     model = lowered_model(source, clock)
     since = time.perf_counter()
     sets: tuple[ParameterSet, ...]
+    left_out: Mapping[str, str] = {}
     if params:
         sets = (parameter_set(model, source, params),)
     elif set_name:
         sets = (parameter_set(model, source, source.set_path(set_name)),)
     else:
-        sets = library_sets(model, source)
-    if not sets:
+        found = complete_sets(model, source)
+        sets, left_out = found.sets, found.left_out
+        for line in found.notes(reference):
+            output.note(line)
+    if not sets and not left_out:
         raise InputError(
             f"model {source.name} has no parameter set",
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
         )
+    for line in (n for s in sets for n in s.notes):
+        output.note(line)
     clock.record("parameters", since)
     jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
     plans = () if extras.bake else plan_tables(model, source, sets, extras.plan)
@@ -120,6 +127,7 @@ def generate_files(
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
+                "sets_left_out": dict(left_out),
                 "files": len(generation.files),
                 "changed": changed,
                 "passes": [asdict(p) for p in model.passes],
@@ -129,7 +137,7 @@ def generate_files(
         return
     split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
     output.say(
-        f"{model.name} ({', '.join(s.name for s in sets)}): {len(generation.files)} files in "
+        f"{model.name} ({', '.join(s.name for s in sets) or 'no complete set'}): {len(generation.files)} files in "
         f"{target}, {len(changed)} changed ({split})",
     )
     counts = [p for p in model.passes if p.program == "step"]

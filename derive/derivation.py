@@ -15,8 +15,10 @@ from pfaffian.derive.control_terms import (
     take_measurement,
     take_parameters,
 )
+from pfaffian.derive.definiteness import MASS_MATRIX
 from pfaffian.derive.dimensions import dimension_of, force_unit
 from pfaffian.derive.following_law import following_law
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
@@ -228,6 +230,7 @@ def _design_blocks(
             _lumping(spec),
             _setpoint(spec),
             _minors(spec, dynamics),
+            _mass_matrix(spec, dynamics),
             _rest_force(spec, dynamics),
             _rest_constraint(spec, constraint),
             _polynomial(spec, zeros),
@@ -272,6 +275,18 @@ def _minors(spec: ModelSpec, dynamics: Dynamics) -> Block:
     define_factors(builder, dynamics.mass_matrix.xreplace(named))
     for k in range(1, n + 1):
         builder.give(f"pivot{k}", sp.Symbol(f"pivot{k}", real=True), "", f"pivot of row {k}")
+    return builder.build()
+
+
+def _mass_matrix(spec: ModelSpec, dynamics: Dynamics) -> Block:
+    """Give the upper triangle of M, row by row: what is judged where its minors vanish."""
+    builder = BlockBuilder(MASS_MATRIX, f"{spec.title}: M")
+    take_measurement(builder, spec)
+    take_parameters(builder, spec, "lumped", "plant")
+    n, mass = len(spec.coordinates), dynamics.mass_matrix
+    for i, j in ((r, c) for r in range(n) for c in range(r, n)):
+        value = grouped(mass[i, j], spec.positions)
+        builder.give(f"m_{i + 1}_{j + 1}", value, "", f"M, row {i + 1}, column {j + 1}")
     return builder.build()
 
 

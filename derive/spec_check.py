@@ -13,7 +13,8 @@ import sympy as sp
 from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.constraint_check import check_constraints
 from pfaffian.derive.dimensions import check_unit
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.spec import Actuator, Coordinate, ModelSpec
 from pfaffian.runtime.documents import unprintable
 from pfaffian.runtime.errors import InputError
 
@@ -65,6 +66,7 @@ def _check_energies(spec: ModelSpec) -> None:
 
 def _check_texts(spec: ModelSpec) -> None:
     """Refuse control characters in what ends up in comments of the generated code."""
+    declared: tuple[Coordinate | Parameter | Actuator, ...]
     declared = (*spec.coordinates, *spec.parameters, *spec.actuators)
     texts = [("title", spec.title), ("source", spec.source)]
     texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
@@ -140,7 +142,8 @@ def check_mass_matrix(spec: ModelSpec, mass: sp.Matrix) -> None:
 def line_about(text: str, about: str) -> int | None:
     """Return the line of `text` that gives the field, or names the symbol, `about`.
 
-    `constraint:NAME` is the line where a builder adds the servo-constraint of that name.
+    `constraint:NAME` is the line where a builder adds the servo-constraint of that name, and
+    `number:VALUE` that where this number is written.
     """
     try:
         nodes = list(ast.walk(ast.parse(text)))
@@ -150,6 +153,10 @@ def line_about(text: str, about: str) -> int | None:
         name = about.removeprefix("constraint:")
         calls = [n for n in nodes if isinstance(n, ast.Call) and _adds_constraint(n, name)]
         return min((n.lineno for n in calls), default=None)
+    if about.startswith("number:"):
+        value = float(about.removeprefix("number:"))
+        written = [n for n in nodes if isinstance(n, ast.Constant) and type(n.value) is float]
+        return min((n.lineno for n in written if n.value == value), default=None)
     fields = [n.value.lineno for n in nodes if isinstance(n, ast.keyword) and n.arg == about]
     firsts = [n.args[0] for n in nodes if isinstance(n, ast.Call) and n.args]
     names = [

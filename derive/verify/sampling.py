@@ -57,7 +57,7 @@ def draw(
     a long time.
     """
     angles = _angles(block) if block else []
-    near = rng.random(count) < 0.5
+    near = rng.random(count) < (0.5 if sets else 0.0)
     given = fixed or {}
 
     def mixed(near: Array) -> dict[str, Array]:
@@ -96,7 +96,7 @@ def _mixed(
     rng: np.random.Generator,
 ) -> dict[str, Array]:
     wide = _wide(model, inputs, len(near), rng)
-    local = _near(model, inputs, wide, sets, len(near), rng)
+    local = _near(model, inputs, wide, sets, len(near), rng) if sets else wide
     return {n: np.where(near, local[n], wide[n]) for n in wide}
 
 
