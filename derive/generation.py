@@ -49,6 +49,9 @@ def generate(emission: Emission) -> Generation:
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
     model, real = emission.model, emission.precision.real
     controls = emission.controls if emission.precision is DOUBLE else ()
+    structures = structures_of(
+        model, real, emission.step, emission.prepare, follow=bool(emission.plans)
+    )
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -63,9 +66,7 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(
-            model, real, emission.step, emission.prepare, follow=bool(emission.plans)
-        ),
+        structures=structures,
         parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
@@ -78,4 +79,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         control_structures=control_structures(model) if controls else {},
         control_sets={c.name: control_constants(emission, c) for c in controls},
         plans=tuple(p.name for p in emission.plans),
+        own_names=model.own.given_way(n for s in structures.values() for n in s.names()),
     )
