@@ -21,7 +21,6 @@ from pfaffian.derive.law_parameters import (
     limit_names,
     swing_up_parameters,
 )
-from pfaffian.derive.own_names import given_away
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.reserved_names import objection
 from pfaffian.derive.residuals import holonomic, second_order
@@ -38,6 +37,7 @@ from pfaffian.derive.spec import (
     symbols_of,
 )
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.given_names import given_away
 
 _LARGE = 1e4
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
-from pfaffian.derive.own_names import OwnNames, given_away
+from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.program import Signal
+from pfaffian.runtime.given_names import given_away
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,10 @@ class BlockBuilder:
 
     def build(self) -> Block:
         """Return the finished block, without the inputs that nothing depends on."""
+        for what in (self._inputs, self._outputs):
+            names = [signal.name for signal, _ in what]
+            if len(set(names)) < len(names):
+                raise ValueError(f"{self._name}: two signals of one name among {names}")
         used = set().union(*(d.expression.free_symbols for d in self._definitions))
         inputs = [(signal, symbol) for signal, symbol in self._inputs if symbol in used]
         return Block(

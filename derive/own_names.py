@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
-SUFFIX = "_law"
+from pfaffian.runtime.given_names import given_away
+
 #: What the laws compute for each actuator; of several, each gets the actuator's name as its ending.
 PER_ACTUATOR = (
     "p1",
@@ -49,14 +50,6 @@ class Interface(Protocol):
     @property
     def parameters(self) -> Iterable[_Named]:
         """Everything else that has a value."""
-
-
-def given_away(name: str, taken: Iterable[str]) -> str:
-    """Return `name`, or where that is taken `name_law`, `name_law_law`, ..."""
-    known = frozenset(taken)
-    while name in known:
-        name += SUFFIX
-    return name
 
 
 @dataclass(frozen=True)

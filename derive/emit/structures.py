@@ -19,7 +19,10 @@ STATUS_TEXT = {
 
 def _fields(signals: list[Signal], real: str, truth: str = "") -> tuple[Field, ...]:
     """Return the members that hold `signals`; the one called `truth` is no real number."""
-    unique = {s.name: s for s in signals}
+    unique: dict[str, Signal] = {}
+    for s in signals:
+        if unique.setdefault(s.name, s) != s:
+            raise ValueError(f"two members called {s.name}: {unique[s.name]} and {s}")
     return tuple(
         Field(s.name, "uint32_t" if s.name == truth else real, s.unit, s.description)
         for s in unique.values()

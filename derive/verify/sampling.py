@@ -160,7 +160,9 @@ def _angles(block: Block) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
     for angle in taken:
         needs = sorted(angle.free_symbols, key=lambda s: s.name)
         if set(needs) <= set(block.symbols):
-            rows.append((tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy")))
+            rows.append(
+                (tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy", dummify=True))
+            )
     return rows
 
 
