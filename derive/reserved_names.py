@@ -47,8 +47,12 @@ _SHAPES = re.compile(
     r"|(PTRDIFF|SIZE|SIG_ATOMIC|WCHAR|WINT)_(MAX|MIN)"
     r"|(FLT|DBL|LDBL)_[A-Z0-9_]+|DECIMAL_DIG|M_(E|LOG2E|LOG10E|LN2|LN10|[12]_PI|PI(_[24])?|2_SQRTPI|SQRT(2|1_2))"
 )
-#: Members of the complete controller beside those called after coordinates and actuators.
-CONTROLLER = "fault form law law_status mode output params phase place reason status sum"
+#: What the complete controller and its file have beside what is called after coordinates and
+#: actuators.
+CONTROLLER = """
+    energy fault form law law_status mode output params phase place reason residual singular_ratio
+    status sum torque_jump
+"""
 #: Headers of C that a model's own header would hide.
 _HEADERS = """
     assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign
@@ -75,6 +79,11 @@ _REASONS: Mapping[str, str] = {
 PREFIX = "pf_"
 
 
+def reserved_words() -> tuple[str, ...]:
+    """Return every reserved name that is not told by its shape, sorted: the documents list them."""
+    return tuple(sorted(_REASONS, key=lambda name: (name.lower(), name)))
+
+
 def objection(name: object, model: str = "", *, member: bool = False) -> str:
     """Return why nothing of a plant may be called `name`: what it is instead. Empty: it may.
 
@@ -90,7 +99,7 @@ def objection(name: object, model: str = "", *, member: bool = False) -> str:
     if name in {f"{model.upper()}_{ending}" for ending in _OF_MODEL.split()}:
         return "is a constant of the generated code"
     if member and name in CONTROLLER.split():
-        return "is a member of the complete controller, where coordinates and actuators are too"
+        return "is a name of the complete controller, where coordinates and actuators are too"
     return _REASONS.get(name, "")
 
 

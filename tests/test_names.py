@@ -11,11 +11,12 @@ import re
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from pfaffian.derive.authoring import ModelBuilder
 from pfaffian.derive.emit.statements import with_local_names
 from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.program import Instruction, Op, Program
-from pfaffian.derive.reserved_names import objection
+from pfaffian.derive.reserved_names import CONTROLLER, objection, reserved_words
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.generated_model import host_model, open_generated
 from pfaffian.runtime.subjects import MachineSubject
@@ -55,7 +56,18 @@ def test_a_reserved_name_is_refused_where_it_is_declared(name):
 def test_few_names_are_reserved_and_none_of_ours_but_members_of_the_controller():
     assert [n for n in OURS.split() if objection(n)] == []
     members = {n for n in NAMES if objection(n, member=True) and not objection(n)}
-    assert members == {"law", "mode", "fault", "phase", "output", "params", "status", "sum"}
+    assert members == {
+        *("law", "mode", "fault", "phase", "output", "params", "status", "sum", "energy")
+    }
+
+
+def test_the_documents_list_what_is_reserved():
+    page = (REPOSITORY / "docs" / "own-plant.md").read_text(encoding="utf-8")
+    lists = re.findall(r"^```\n(.*?)^```$", page.split("## Names")[1], re.DOTALL | re.MULTILINE)
+    assert lists[0].split() == list(reserved_words())
+    assert lists[1].split() == CONTROLLER.split()
+    for name in lists[0].split():
+        assert objection(name)
 
 
 @pytest.mark.parametrize("name", ["o", "voi"])
