@@ -159,7 +159,7 @@ WRONG = {
     ),
     "the name of a coordinate": (
         'm.first_order("y", "m/s", dy + r * y)',
-        "model masses: the servo-constraint y has the name of something else",
+        "model masses: y is the name of the coordinate y and of a servo-constraint",
         "rename it",
     ),
     "a list": (
