@@ -160,7 +160,7 @@ WRONG = {
     "the name of a coordinate": (
         'm.first_order("y", "m/s", dy + r * y)',
         "model masses: y is the name of the coordinate y and of a servo-constraint",
-        "rename it",
+        "rename one of them",
     ),
     "a list": (
         'm.first_order("s2", "m/s", [dy, r * y])',
