@@ -8,6 +8,7 @@ import pytest
 from pfaffian.derive.certificate import certify as stage
 from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.search import Objective, greatest, least
+from pfaffian.derive.certificate.theorem import Theorem
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
 from pfaffian.derive.program import Instruction, Op, Program, Signal
@@ -185,3 +186,15 @@ def test_a_claim_that_a_flight_breaks_is_said():
     assert "bound 2" in replace(kept, largest=2.01).broken()
     assert "ultimate bound 1" in replace(kept, late=1.01).broken()
     assert replace(kept, late=None).broken() == ""
+
+
+def test_the_rate_bound_is_the_first_line_of_41_in_numbers():
+    """-2 kappa lmin beta^2 + eps/2 - 2 (k2/k1) x^2 + 2 (k2/k1) alpha |x| at numbers by hand."""
+    theorem = Theorem(kappa=0.5, epsilon=0.25, k1=2.0, k2=3.0, lmin=4.0, alpha=5.0)
+    beta, x = np.array([0.0, 1.0, -2.0]), np.array([0.0, -2.0, 1.0])
+    wanted = [0.125, -4.0 + 0.125 - 12.0 + 30.0, -16.0 + 0.125 - 3.0 + 15.0]
+    assert theorem.rate_bound(beta, x).tolist() == wanted
+    rate = theorem.lyapunov_rate(
+        beta, np.array([1.0, 3.0, 1.0]), x + 5.0, np.array([7.0, 1.0, 2.0])
+    )
+    assert rate.tolist() == [0.0, 6.0 - 2.0, -4.0 + 2.0]

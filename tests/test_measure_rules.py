@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pfaffian.runtime.metrics import tracking_metrics
+from pfaffian.runtime.reproduce.cases import DURATION, FRICTION, START
 from pfaffian.runtime.reproduce.measures import accumulated, measures
 
 TIME = np.array([0.0, 1.0, 3.0, 3.5])
@@ -76,3 +77,9 @@ def test_tracking_figures_of_a_flight_are_the_same_rules():
     found = tracking_metrics(flight)
     assert found["iae_q1"] == pytest.approx(area([2.0, 1.0, 0.5, 0.25]))
     assert (found["mae_q2"], found["mae2_q1"], found["peak_torque"]) == (4.0, 0.5, 2.5)
+
+
+def test_the_papers_friction_and_start_are_those_printed():
+    printed = {"1": 4.18, "2": 1.59, "3": 3.15, "4": 0.09, "5": 3.52, "6": 0.021}
+    assert {f"friction{k}": v for k, v in printed.items()} == FRICTION
+    assert (START, DURATION) == ((1.0, 0.5, 1.0, 0.0), 10.0)

@@ -247,3 +247,10 @@ def test_equal_values_are_merged_and_no_others():
     found = evaluate(done, {"x": 2.0, "y": 5.0})
     assert [found[f"out{k}"] for k in range(4)] == [7.0, 7.0, -3.0, 3.0]
     assert [math.copysign(1.0, found[f"out{k}"]) for k in (4, 5)] == [1.0, -1.0]
+
+
+def test_a_product_that_is_needed_elsewhere_is_not_fused_too():
+    """Fused it would be computed twice: a multiplication more for an addition less."""
+    tape = [Instruction(Op.MUL, (0, 1)), Instruction(Op.ADD, (3, 2))]
+    assert operations(fuse_multiply_adds(program([X, Y, P], tape, [3, 4]))) == [Op.MUL, Op.ADD]
+    assert operations(fuse_multiply_adds(program([X, Y, P], tape, [4]))) == [Op.FMA]

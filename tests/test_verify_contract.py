@@ -12,7 +12,7 @@ from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
 from pfaffian.derive.verify import compare
 from pfaffian.derive.verify.compare import Verification, verify
 from pfaffian.derive.verify.condition import Condition
-from pfaffian.derive.verify.oracle import absolute_error
+from pfaffian.derive.verify.oracle import Oracle, absolute_error
 from pfaffian.derive.verify.unit import DOUBLE_UNIT, SINGLE_UNIT
 from pfaffian.runtime.generated_model import host_model, open_generated
 from pfaffian.runtime.subjects import MachineSubject
@@ -172,7 +172,15 @@ def test_the_scales_follow_every_path_from_input_to_output():
     np.testing.assert_allclose(by_input["b"], np.abs(x * (y + 1.0)) + np.abs(x * y), rtol=1e-15)
 
 
-def test_few_samples_are_left_undecided(source, host):
-    """Only what rounding may decide is left out: of ordinary inputs next to none."""
-    found = verify(*source, [MachineSubject(host, "c-host")], None, 400, 0, functions=("step",))
-    assert found.undecided <= 4
+def test_a_comparison_is_clear_unless_rounding_may_decide_it():
+    """(x + y > 1 ? x : -x): decided where x + y is a millionth away from 1, not at 1e-14."""
+    builder = BlockBuilder("choice", "")
+    x, y = (builder.take(sp.Symbol(n, real=True), "", "", "input") for n in "xy")
+    total = builder.define("total", x + y, "")
+    builder.give("f", builder.define("f", sp.Piecewise((x, total > 1), (-x, True)), ""), "", "")
+    oracle = Oracle(builder.build())
+    for gap, clear in ((1e-6, True), (-1e-6, True), (1e-11, True), (1e-14, False), (0.0, False)):
+        outputs, decided = oracle({"x": 0.5, "y": 0.5 + gap})
+        assert decided is clear
+        assert float(outputs[0]) == (0.5 if gap > 0.0 else -0.5)
+    assert oracle({"x": 0.0, "y": 1.0})[1]  # both branches give the same
