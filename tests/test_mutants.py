@@ -48,6 +48,7 @@ def drawn():
 
 def test_a_dozen_faults_are_caught(monkeypatch, tmp_path):
     monkeypatch.setattr(runner, "WORK", tmp_path)
+    monkeypatch.setattr(runner, "baseline", lambda *_: {})  # this run has those tests anyway
     found = runner.judge_all(drawn(), 1)
     assert [(v.what, v.outcome, v.note) for v in found if v.outcome != runner.KILLED] == []
 
