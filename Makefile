@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench reproduce \
-  docs setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz names flips mutants vectors soak \
+  bench reproduce docs setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -44,9 +44,17 @@ TIME ?= 60
 fuzz: $(READY)
 	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
 
+# 300 names as coordinate, parameter, gain, actuator and constraint, alone and with several (long).
+names: $(READY)
+	PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
+
 flips: $(READY)
 	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
 	  tests/test_control_flips.py tests/test_control_bits.py
+
+# Each of the planted faults of tests/mutants in a scratch copy, against the tests that must notice.
+mutants: $(READY)
+	$(BIN)/python tests/mutants/run.py --jobs $(JOBS)
 
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)

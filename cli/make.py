@@ -136,9 +136,10 @@ def generate_files(
         )
         return
     split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
+    names = ", ".join(s.name for s in sets) or "no complete set"
     output.say(
-        f"{model.name} ({', '.join(s.name for s in sets) or 'no complete set'}): {len(generation.files)} files in "
-        f"{target}, {len(changed)} changed ({split})",
+        f"{model.name} ({names}): {len(generation.files)} files in {target}, {len(changed)} "
+        f"changed ({split})",
     )
     counts = [p for p in model.passes if p.program == "step"]
     saved = ", ".join(f"{p.name} {p.after}" for p in counts)
