@@ -7,6 +7,9 @@ from typing import Annotated
 
 import typer
 
+#: More would not end, or not fit into memory.
+MOST_SAMPLES = 10_000_000
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Model = Annotated[str, typer.Argument(help="A model of the library, or the folder of your own.")]
 SetName = Annotated[str | None, typer.Option("--set", help="Parameter set of the model.")]

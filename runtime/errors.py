@@ -6,6 +6,9 @@ EXIT_DONE = 0
 EXIT_CHECK_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_MISSING_TOOL = 3
+#: As a shell says that a program was ended by SIGINT or SIGPIPE: 128 and the signal's number.
+EXIT_INTERRUPTED = 130
+EXIT_BROKEN_PIPE = 141
 
 
 class PfaffianError(Exception):

@@ -327,6 +327,6 @@ def test_a_reader_that_goes_away_is_no_traceback(workspace):
     writer.stdout.close()
     said = writer.stderr.read()
     writer.stderr.close()
-    assert writer.wait(timeout=60) == 1
+    assert writer.wait(timeout=60) == 141  # as of any program that SIGPIPE ends
     assert "Traceback" not in said
     assert "BrokenPipe" not in said

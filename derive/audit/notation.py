@@ -26,6 +26,7 @@ class Term:
 
     def __init__(self, value: Operand) -> None:
         """Wrap a SymPy expression, a matrix, or a term."""
+        self.matrix: sp.ImmutableMatrix
         if isinstance(value, Term):
             self.matrix = value.matrix
         elif isinstance(value, sp.MatrixBase):

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import sympy as sp
 from pfaffian.derive.audit import pendubot_source as src
 from pfaffian.derive.audit.check import equal, refute, true, unchecked, vanishes
+from pfaffian.derive.audit.notation import INTEGRAL
 from pfaffian.derive.audit.pendubot_source import Case, P
 from pfaffian.derive.audit.row import Counterexample, Finding
 from pfaffian.derive.dimensions import dimension_of
@@ -68,7 +69,7 @@ def _forms_with_time(case: Case) -> list[tuple[int, sp.Expr]]:
     ]
     found += [(n, case.explicit(n, "Pi")) for n in (47, 48)]
     found.append((4, case.explicit(4, "e1", q1d=sp.pi / 2)))
-    return [(n, form.replace(src.INTEGRAL, lambda x: x)) for n, form in found]
+    return [(n, form.replace(INTEGRAL, lambda x: x)) for n, form in found]
 
 
 def _unit(case: Case, name: str, symbol: str, where: str, place: str) -> Finding:

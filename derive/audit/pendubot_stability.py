@@ -104,18 +104,18 @@ def equation_28(case: Case) -> Row:
 def equation_29(case: Case) -> Row:
     """Check what beta' is with the nominal torque of (17) and F of (9), for any matrices."""
     names = case.free_names
-    row, d, column = (names[n] for n in ("A", "D", "B"))
-    mismatch = sp.Matrix(src.real("dF1 dF2"))
-    ad = row * d  # type: ignore[operator]
-    gain = (ad * column)[0]
+    weight = read("A*D", names)
+    gain, b = read("A*D*B", names), read("b", names)
     # AD dF = 0, (12), fixes one component of dF.
-    mismatch = mismatch.subs(mismatch[0], -ad[1] * mismatch[1] / ad[0])
-    bias = names["C"] * names["dq"] + names["G"]  # type: ignore[operator]
-    nominal = (names["b"] + (ad * bias)[0]) / gain
-    moved = ad * (column * (nominal + src.p2 + src.p3 - fhat) - mismatch - bias)
-    derived = 2 * beta * (moved[0] - names["b"])
+    (second,) = src.real("dF2")
+    mismatch = sp.Matrix([-weight[1] * second / weight[0], second])
+    nominal = read("(A*D*B)**-1*(b + A*D*(C*dq + G))", names)
+    torque = {"torque": nominal + src.p2 + src.p3 - fhat, "dF": mismatch}
+    moved = read("A*D*(B*torque - dF - C*dq - G)", {**names, **torque})
+    steps = [equal("A D B of them", gain, (weight * read("B", names))[0])]
+    derived = 2 * beta * (moved - b)
     printed = case.general(29, "rate", Fhat=fhat)
-    steps = [equal("2 beta beta' with (17), (9), (12)", printed, derived)]
+    steps.append(equal("2 beta beta' with (17), (9), (12)", printed, derived))
     return Row(29, decide(steps, "Substitution.", printed, 2 * beta * src.dbeta))
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.scenario import find_scenario
+from pfaffian.runtime.scenario_files import find_scenario
 from pfaffian.runtime.twin.controllers import CONTROLLERS
 from pfaffian.runtime.twin.flight import fly_twin
 from pfaffian.runtime.twin.read import twin_of
