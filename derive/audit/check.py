@@ -53,7 +53,8 @@ def vanishes(expression: sp.Expr) -> bool:
 def equal(name: str, printed: sp.Basic, derived: sp.Basic) -> Step:
     """Compare two scalars or matrices by normal form."""
     if not isinstance(printed, sp.MatrixBase):
-        return Step(name, vanishes(printed - derived), printed, derived)
+        one, other = sp.sympify(printed), sp.sympify(derived)
+        return Step(name, vanishes(one - other), one, other)
     pairs = list(zip(printed, derived, strict=True))
     wrong = next((p for p in pairs if not vanishes(p[0] - p[1])), None)
     return Step(name, wrong is None, *(wrong or pairs[0]))
@@ -72,7 +73,7 @@ def at_most(
         part = sp.sympify(square).subs(case)
         difference = sp.expand(sp.sympify(right - left).subs(case) - part)
         held = held and bool(part.is_nonnegative and difference.is_nonnegative)
-    return Step(name, held, right, left, "<=")
+    return Step(name, held, sp.sympify(right), sp.sympify(left), "<=")
 
 
 def _cases(signs: Signs) -> list[dict[sp.Symbol, sp.Expr]]:

@@ -119,6 +119,12 @@ class Case:
     paper: Paper
     derivation: Derivation
 
+    def of(self, paper: Paper) -> Case:
+        """Return the same derivation beside another text; what follows from it alone is kept."""
+        other = Case(paper, self.derivation)
+        vars(other).update({n: v for n, v in vars(self).items() if n in _DERIVED})
+        return other
+
     def explicit(self, number: int, part: str, **given: Operand) -> Any:
         """Return a part of an equation with the derived matrices; `given` names come first."""
         return self.paper.form(number, part, {**self.names, **given})
@@ -258,6 +264,12 @@ class Case:
         """lam, lam1 and lam2 of section 5.1, exact."""
         where = "gains of section 5.1"
         return {getattr(P, n): self.value(where, n) for n in self.paper.said[where]}
+
+
+#: What a `Case` holds that does not depend on its text.
+_DERIVED = frozenset(
+    ("names", "free_names", "inverse", "reach", "bias", "residual", "second_order", "layer")
+)
 
 
 def _parameters() -> Mapping[str, Operand]:
