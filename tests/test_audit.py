@@ -202,7 +202,7 @@ def test_a_law_that_is_derived_otherwise_is_noticed(derivation):
 
     doubled = replace(derivation, blocks=tuple(map(changed, derivation.blocks)))
     case = src.Case(PAPER, doubled)
-    for number in (19, 23, 34, 35, 36):
+    for number in (19, 23, 35, 36):
         assert pendubot_row(number, case).verdict.status == DIFFERS, number
 
 

@@ -58,8 +58,8 @@ def smallest_counterexample(
 ) -> Counterexample | None:
     """Return the first point at which `printed` and `derived` disagree, or None.
 
-    Points are tried from the simplest on, `_MOST_POINTS` at most. `fixed` values are kept; `violates` replaces "differ"
-    where the claim is an inequality.
+    Points are tried from the simplest on, `_MOST_POINTS` at most. `fixed` values are kept;
+    `violates` replaces "differ" where the claim is an inequality.
     """
     printed, derived = _free_of_functions(printed, derived)
     symbols = sorted(printed.free_symbols | derived.free_symbols, key=lambda s: s.name)

@@ -126,7 +126,7 @@ def _section_51(seen: Evidence) -> tuple[Claim, ...]:
             f"MAE2: {three(seen, 'mae2')} rad.",
             graded(settles(seen, DERIVED), settles(seen, DESIGNED)),
         ),
-        *_alone(seen),
+        *contradiction(seen),
     ]
     for figure, key, name, unit in (
         ("4", "iae", "IAE", "rad s"),
@@ -157,7 +157,8 @@ def _thrown(seen: Evidence) -> str:
     )
 
 
-def _alone(seen: Evidence) -> tuple[Claim, Claim]:
+def contradiction(seen: Evidence) -> tuple[Claim, Claim]:
+    """Judge Figure 3: what there is to show under p1 alone, and what p2 is worth beside it."""
     ends = {c: seen.run(c, TERMS[0]) for c in (DERIVED, DESIGNED)}
     rest = {c: seen.variant(c, "at-rest", TERMS[0]) for c in (DERIVED, DESIGNED)}
     text = "; ".join(

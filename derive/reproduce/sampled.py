@@ -39,13 +39,14 @@ class Sampled:
 def sampled_flights(folder: GeneratedFolder) -> list[Sampled]:
     """Fly section 5.1 with the sampled law at every one of `PERIODS`, each cached by content."""
     return [
-        Sampled(column, period, **_figures(name, period, folder))
+        Sampled(column, period, **figures_of(name, period, folder))
         for column, name in _SCENARIOS.items()
         for period in PERIODS
     ]
 
 
-def _figures(name: str, period: float, folder: GeneratedFolder) -> dict[str, dict[str, float]]:
+def figures_of(name: str, period: float, folder: GeneratedFolder) -> dict[str, dict[str, float]]:
+    """Return the figures of one scenario at `period` [s], with and without limits."""
     sources = sorted((folder.path / "c").glob("*.[ch]"))
     scenario = replace(read_scenario(name), folder=folder)
     asked = (name, period, _PLANT_STEP, scenario.initial, scenario.controller, scenario.plant)
