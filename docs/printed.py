@@ -6,7 +6,8 @@ A page shows what a command printed in one of two ways, each with its command:
 
 - a fence of the language `console`: `$ COMMAND`, then lines of what it printed (several commands
   may follow one another); a comment above it may hold options: `<!-- slow, within 2 % -->`;
-- a table or paragraph under `<!-- printed by: COMMAND; slow; within 2 % -->`, up to an empty line.
+- a table or paragraph under `<!-- printed by: COMMAND; slow; within 2 % -->`, up to an empty line;
+  the heading of a Markdown table is the page's own.
 
 The lines shown are an excerpt: each must stand in what the command prints now, in this order. White
 space, frames of tables and line breaks do not count; words must be the same; numbers are the same,
@@ -41,12 +42,14 @@ _TOKEN = re.compile(rf"{_NUMBER}|[^\W\d_]+|\S")
 _FRAME = re.compile(r"[\u2500-\u257f|]|^\s*\|[-| :]+\|\s*$|`", flags=re.MULTILINE)
 #: Stands in a line for words of the command's that are not shown.
 _LEFT_OUT = " ... "
+#: The heading of a Markdown table: it may say more than the command does.
+_HEADING = re.compile(r"\|[^\n]*\|\n(?=\|[-| :]+\|\n)")
 _FENCE = re.compile(
     r"(?:^<!-- (?P<options>[^>\n]*?) -->\n)?^```(?P<language>\w*)\n(?P<body>.*?)^```$",
     flags=re.DOTALL | re.MULTILINE,
 )
 _TABLE = re.compile(
-    r"^<!-- printed by: (?P<rest>[^\n]*?) -->\n(?P<body>.*?)(?=\n\n|\Z)",
+    r"^<!-- printed by: (?P<rest>[^\n]*?) -->\n(?P<body>.*?)(?=\n\n|^\n|\Z)",
     flags=re.DOTALL | re.MULTILINE,
 )
 
@@ -64,13 +67,17 @@ class Options:
 
 @dataclass(frozen=True)
 class Block:
-    """A command and the lines that its page shows of what it printed; `start` is their offset."""
+    """A command and the lines that its page shows of what it printed; `start` is their offset.
+
+    A `table` shows something, where a fence may just run a command.
+    """
 
     page: Path
     command: str
     lines: str
     start: int
     options: Options
+    table: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,8 +124,10 @@ def parts_of(page: Path, text: str) -> list[Block | Written]:
     for table in _TABLE.finditer(text):
         command, *words = table["rest"].split("; ")
         made = options_of(words, page.name)
-        start = table.start("body")
-        found.append((start, Block(page, command, table["body"], start, made)))
+        body, start = table["body"], table.start("body")
+        if heading := _HEADING.match(body):
+            body, start = body[heading.end() :], start + heading.end()
+        found.append((start, Block(page, command, body, start, made, table=True)))
     return [part for _, part in sorted(found, key=lambda row: row[0])]
 
 
@@ -205,7 +214,12 @@ def drift(block: Block, printed: str) -> list[str]:
 
 
 def renewed(block: Block, printed: str) -> str:
-    """Return the lines of `block` with the numbers printed now; lines with other words stay."""
+    """Return the lines of `block` with the numbers printed now; lines with other words stay.
+
+    A block that shows nothing yet gets all that is printed.
+    """
+    if block.table and not block.lines.strip():
+        return printed.partition("\n\n")[0].strip() + "\n"
     stream, at, lines = [t[0] for t in tokens(printed)], 0, []
     for line in block.lines.splitlines(keepends=True):
         parts = []
@@ -259,6 +273,8 @@ def check_page(page: Path, quick: bool, write: bool = False) -> list[str]:
                 problems.append(str(error))
                 continue
             missing = drift(part, printed)
+            if part.table and not part.lines.strip():
+                missing = ["(nothing is shown)"]
             if missing and write:
                 edits.append((part.start, part.lines, renewed(part, printed)))
                 missing = drift(Block(page, part.command, edits[-1][2], 0, part.options), printed)
@@ -284,7 +300,7 @@ def unfounded(page: Path) -> list[str]:
     prose = re.sub(
         r"<!--.*?-->|`[^`]*`|\([^()\s]*\)|^    [^\n]*$", "", prose, flags=re.DOTALL | re.MULTILINE
     )
-    shown = [t[0] for t in tokens(prose) if number(t[0]) is not None and "." in t[0]]
+    shown = [t[0] for t in tokens(prose) if number(t[0]) is not None and re.search(r"\.\d", t[0])]
     values = [float(k) for k in known if number(k) is not None]
     return [s for s in shown if not any(_rounds_to(v, s) for v in values)]
 
