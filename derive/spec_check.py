@@ -13,7 +13,8 @@ import sympy as sp
 from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.constraint_check import check_constraints
 from pfaffian.derive.dimensions import check_unit
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.spec import Actuator, Coordinate, ModelSpec
 from pfaffian.runtime.documents import unprintable
 from pfaffian.runtime.errors import InputError
 
@@ -65,7 +66,11 @@ def _check_energies(spec: ModelSpec) -> None:
 
 def _check_texts(spec: ModelSpec) -> None:
     """Refuse control characters in what ends up in comments of the generated code."""
-    declared = (*spec.coordinates, *spec.parameters, *spec.actuators)
+    declared: tuple[Coordinate | Parameter | Actuator, ...] = (
+        *spec.coordinates,
+        *spec.parameters,
+        *spec.actuators,
+    )
     texts = [("title", spec.title), ("source", spec.source)]
     texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
     texts += [("stability", condition.text) for condition in spec.stability]
