@@ -9,6 +9,7 @@ import sympy as sp
 from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.dimensions import dimension_of
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
+from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
 
@@ -62,6 +63,7 @@ def _check_symbols(
             remedy="look for a division by zero",
             about=about,
         )
+    check_supported(value, f"model {spec.name}: {what}", about)
     strange = sorted(value.free_symbols - allowed, key=lambda s: str(s.name))
     if not strange:
         return

@@ -57,6 +57,7 @@ _DERIVATION_CODE = (
     "routh",
     "spec",
     "spec_check",
+    "supported",
     "swing_up",
     "swing_up_limit",
     "zero_dynamics",
@@ -64,6 +65,7 @@ _DERIVATION_CODE = (
 _LOWERING_CODE = (
     "elementary",
     "elementary_fit",
+    "elementary_further",
     "elementary_tables",
     "lower_model",
     "lowered",
@@ -84,7 +86,13 @@ _LOWERING_CODE = (
 #: What derivatives depend on besides.
 _JACOBIAN_CODE = ("jacobian",)
 #: What the coefficients of single precision depend on; no model plays a part.
-_SINGLE_CODE = ("elementary", "elementary_fit", "elementary_single", "elementary_tables")
+_SINGLE_CODE = (
+    "elementary",
+    "elementary_fit",
+    "elementary_further",
+    "elementary_single",
+    "elementary_tables",
+)
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 

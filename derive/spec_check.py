@@ -14,6 +14,7 @@ from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.constraint_check import check_constraints
 from pfaffian.derive.dimensions import check_unit
 from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 
 #: What `line_about` may find: a field given by keyword, or a symbol by the string that names it.
@@ -52,6 +53,7 @@ def _check_energies(spec: ModelSpec) -> None:
                 remedy="look for a division by zero",
                 about=field,
             )
+        check_supported(value, f"model {spec.name}: the {what}", field)
     moving = sorted(s.name for s in spec.potential_energy.free_symbols & set(spec.velocities))
     if moving:
         raise InputError(

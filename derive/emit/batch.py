@@ -84,6 +84,7 @@ def emit_batch(emission: Emission) -> dict[str, str]:
         "header": header,
         "model": model.name,
         "guard": model.name.upper(),
+        "further_header": emission.further_header,
         "structures": {
             role: {"name": s.name, "names": s.names()} for role, s in structures.items()
         },
