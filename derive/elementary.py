@@ -2,8 +2,9 @@
 
 The target has no mathematical library, and two libraries never agree in the last bit, so the
 emitted C brings its own `sqrt`, `sin`, `cos`, `atan`, `exp`, `expm1` and `tanh`, and where a model
-calls them `log`, `asin`, `acos`, `sinh` and `cosh`. Everything those need is computed with mpmath, at many more digits than a double holds, and rounded once: the
-polynomials by `elementary_fit`, the tables by `elementary_tables`.
+calls them `log`, `asin`, `acos`, `sinh` and `cosh`. Everything those need is computed with mpmath,
+at many more digits than a double holds, and rounded once: the polynomials by `elementary_fit`, the
+tables by `elementary_tables`.
 """
 
 from __future__ import annotations

@@ -371,8 +371,7 @@ def test_clang_finds_nothing_to_warn_about(sources: Path) -> None:
 @pytest.mark.target
 def test_header_is_also_cpp(sources: Path) -> None:
     (sources / "use.cpp").write_text(
-        '#include "pf_elementary_further.h"\n'
-        "double f() { return pf_sin(PF_SINCOS_MAX) + pf_log(2.0) + pf_acos(0.5) + pf_cosh(1.0); }\n"
+        '#include "pf_elementary.h"\ndouble f() { return pf_sin(PF_SINCOS_MAX); }\n'
     )
     flags = ("-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
     run((*ZIG[:-1], "c++", *flags, "-c", "use.cpp", "-o", "use.o"), sources)

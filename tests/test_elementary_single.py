@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from pfaffian.derive.elementary import SINCOS_MAX
+from pfaffian.derive.elementary_further import further_coefficients_single
 from pfaffian.derive.elementary_single import (
     QUIET_NAN_BITS_SINGLE,
     ULP_BOUNDS_SINGLE,
     single_coefficients,
     single_render_context,
 )
-from pfaffian.derive.elementary_further import further_coefficients_single
 from pfaffian.derive.emit.emitter import fill
 from pfaffian.derive.emit.precision import SINGLE
 from pfaffian.runtime.machine import Ppc750Machine
