@@ -13,8 +13,10 @@ import sympy as sp
 from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.constraint_check import check_constraints
 from pfaffian.derive.dimensions import check_unit
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.spec import Actuator, Coordinate, ModelSpec
 from pfaffian.derive.supported import check_supported
+from pfaffian.runtime.documents import unprintable
 from pfaffian.runtime.errors import InputError
 
 #: What `line_about` may find: a field given by keyword, or a symbol by the string that names it.
@@ -24,6 +26,7 @@ _ENERGIES = (("kinetic energy", "kinetic_energy"), ("potential energy", "potenti
 def check_spec(spec: ModelSpec) -> None:
     """Raise `InputError` for energies that are none, and coordinates and inputs without effect."""
     _check_energies(spec)
+    _check_texts(spec)
     _check_names(spec)
     _check_units(spec)
     _check_coordinates(spec)
@@ -61,6 +64,25 @@ def _check_energies(spec: ModelSpec) -> None:
             remedy="put what depends on velocities into the kinetic energy",
             about="potential_energy",
         )
+
+
+def _check_texts(spec: ModelSpec) -> None:
+    """Refuse control characters in what ends up in comments of the generated code."""
+    declared: tuple[Coordinate | Parameter | Actuator, ...] = (
+        *spec.coordinates,
+        *spec.parameters,
+        *spec.actuators,
+    )
+    texts = [("title", spec.title), ("source", spec.source)]
+    texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
+    texts += [("stability", condition.text) for condition in spec.stability]
+    for about, text in texts:
+        if found := unprintable(text):
+            raise InputError(
+                f"model {spec.name}: a text of {about} holds the control character {found}",
+                remedy="leave it out",
+                about=about,
+            )
 
 
 def _check_names(spec: ModelSpec) -> None:

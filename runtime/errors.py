@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 EXIT_DONE = 0
 EXIT_CHECK_FAILED = 1
 EXIT_BAD_INPUT = 2
@@ -36,6 +38,16 @@ class InputError(PfaffianError):
     """Something the user gave is wrong: a name, a file, a value, a unit, a gain."""
 
     exit_code = EXIT_BAD_INPUT
+
+
+def refuse_all(errors: Sequence[InputError]) -> None:
+    """Raise one `InputError` that says everything in `errors`, each with its remedy, if any."""
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        first, *others = errors
+        more = "\n".join(str(error) for error in others)
+        raise InputError(first.message, remedy=f"{first.remedy}\n{more}") from first
 
 
 class MissingToolError(PfaffianError):

@@ -73,7 +73,8 @@ class NamedValues:
 
     def are_real(self, inputs: Mapping[str, Array]) -> Array:
         """Return the samples of `inputs` where every named value is a number, shape (N,)."""
-        return ~np.isnan(np.stack([*self(inputs).values()])).any(axis=0)
+        strange: Array = np.isnan(np.stack([*self(inputs).values()])).any(axis=0)
+        return ~strange
 
     def __call__(self, inputs: Mapping[str, Array]) -> dict[str, Array]:
         """Return each named value at `inputs` by name, inputs included, float64 of shape (N,)."""
