@@ -318,7 +318,7 @@ def test_a_loop_closed_by_hand_moves_as_its_bodies_held_by_multipliers(generated
 
 
 def test_a_slider_crank_is_flown_at_the_speed_wanted(generated: Any) -> None:
-    """From rest, a quarter turn behind: within a milliradian after a second."""
+    """From rest, a quarter turn behind: within a milliradian after a second and a half."""
     code = generated("slider").code
     params = fill_records(code.records("params"), code.folder.parameters("lab"))
     plant_params = fill_records(code.records("plant_params"), code.folder.parameters("lab"))
@@ -327,13 +327,13 @@ def test_a_slider_crank_is_flown_at_the_speed_wanted(generated: Any) -> None:
     status, step = np.zeros(1, np.int32), np.array([1e-4])
     moving["th"] = -math.pi / 2
     code.init(state, params, status)
-    for k in range(1001):
+    for k in range(1501):
         measured["th"], measured["dth"], measured["time"] = moving["th"], moving["dth"], k * 1e-3
         code.step(state, params, measured, output, status)
         assert status[0] in (0, 1)
         applied["tau"] = output["tau"]
         code.plant_step(moving, plant_params, applied, step, 10)
-    assert abs(moving["th"][0] - 20.0 * 1.001) < 1e-3
+    assert abs(moving["th"][0] - 20.0 * 1.501) < 1e-3
     assert abs(moving["dth"][0] - 20.0) < 1e-2
 
 
