@@ -68,7 +68,7 @@ class NamedValues:
         for d in block.definitions:
             expression = d.expression.xreplace(swapped)
             needs = sorted(expression.free_symbols, key=lambda s: s.name)
-            function = sp.lambdify(needs, expression, modules=NUMPY)
+            function = sp.lambdify(needs, expression, modules=NUMPY, dummify=True)
             self._steps.append((d.symbol.name, [s.name for s in needs], function))
 
     def are_real(self, inputs: Mapping[str, Array]) -> Array:
