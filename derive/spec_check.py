@@ -65,9 +65,9 @@ def _check_energies(spec: ModelSpec) -> None:
 
 def _check_texts(spec: ModelSpec) -> None:
     """Refuse control characters in what ends up in comments of the generated code."""
-    declared = (*spec.coordinates, *spec.parameters, *spec.actuators)
     texts = [("title", spec.title), ("source", spec.source)]
-    texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
+    for declared in (spec.coordinates, spec.parameters, spec.actuators):
+        texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
     texts += [("stability", condition.text) for condition in spec.stability]
     for about, text in texts:
         if found := unprintable(text):
