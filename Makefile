@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench reproduce \
+.PHONY: run test lint check verify elementary machines prove fuzz flips mutants vectors soak bench reproduce \
   docs setup clean
 
 run: $(READY)
@@ -47,6 +47,10 @@ fuzz: $(READY)
 flips: $(READY)
 	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
 	  tests/test_control_flips.py tests/test_control_bits.py
+
+# Each of the planted faults of tests/mutants in a scratch copy, against the tests that must notice.
+mutants: $(READY)
+	$(BIN)/python tests/mutants/run.py --jobs $(JOBS)
 
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)

@@ -49,7 +49,7 @@ _FENCE = re.compile(
     flags=re.DOTALL | re.MULTILINE,
 )
 _TABLE = re.compile(
-    r"^<!-- printed by: (?P<rest>[^\n]*?) -->\n(?P<body>.*?)(?=\n\n|\Z)",
+    r"^<!-- printed by: (?P<rest>[^\n]*?) -->\n(?P<body>.*?)(?=\n\n|^\n|\Z)",
     flags=re.DOTALL | re.MULTILINE,
 )
 
@@ -67,13 +67,17 @@ class Options:
 
 @dataclass(frozen=True)
 class Block:
-    """A command and the lines that its page shows of what it printed; `start` is their offset."""
+    """A command and the lines that its page shows of what it printed; `start` is their offset.
+
+    A `table` shows something, where a fence may just run a command.
+    """
 
     page: Path
     command: str
     lines: str
     start: int
     options: Options
+    table: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ def parts_of(page: Path, text: str) -> list[Block | Written]:
         body, start = table["body"], table.start("body")
         if heading := _HEADING.match(body):
             body, start = body[heading.end() :], start + heading.end()
-        found.append((start, Block(page, command, body, start, made)))
+        found.append((start, Block(page, command, body, start, made, table=True)))
     return [part for _, part in sorted(found, key=lambda row: row[0])]
 
 
@@ -210,7 +214,12 @@ def drift(block: Block, printed: str) -> list[str]:
 
 
 def renewed(block: Block, printed: str) -> str:
-    """Return the lines of `block` with the numbers printed now; lines with other words stay."""
+    """Return the lines of `block` with the numbers printed now; lines with other words stay.
+
+    A block that shows nothing yet gets all that is printed.
+    """
+    if block.table and not block.lines.strip():
+        return printed.partition("\n\n")[0].strip() + "\n"
     stream, at, lines = [t[0] for t in tokens(printed)], 0, []
     for line in block.lines.splitlines(keepends=True):
         parts = []
@@ -264,6 +273,8 @@ def check_page(page: Path, quick: bool, write: bool = False) -> list[str]:
                 problems.append(str(error))
                 continue
             missing = drift(part, printed)
+            if part.table and not part.lines.strip():
+                missing = ["(nothing is shown)"]
             if missing and write:
                 edits.append((part.start, part.lines, renewed(part, printed)))
                 missing = drift(Block(page, part.command, edits[-1][2], 0, part.options), printed)
