@@ -6,7 +6,7 @@ which is where |F| <= |dF/dq_d| ulp(q_d) and F is exact. Beyond that it is polis
 
 - what is given may be the equilibrium rounded or cut off after the last digit written, the ones
   with most digits moved first, so that "0.82 rad" is completed and "45 deg" beside it stays;
-  a zero is no rounded value;
+  a single digit counts as two, and a zero is no rounded value;
 - what is left out is solved for, beginning at its default and, of an angle, all around;
 - anything farther is refused, with the force that is left and the equilibrium nearest to it.
 
@@ -43,6 +43,8 @@ _A_TURN = 8
 _MOST_STARTS = 64
 #: A value that was never written is taken to have this many digits.
 _UNWRITTEN = 1e-9
+#: One unit of the last of two digits, in the worst case.
+_MOST_SHARE = 0.1 / 2.0
 
 
 @dataclass(frozen=True)
@@ -243,9 +245,9 @@ def _is_written(value: float, written: float, digit: float) -> bool:
 
 
 def _digit(name: str, raw: RawSet) -> float:
-    """Return one unit of the last digit written; of a zero none, as it is not rounded."""
-    value = raw.values[name]
-    return raw.last_places.get(name, _UNWRITTEN * abs(value)) if value else 0.0
+    """Return one unit of the last digit written, of a single digit only a share of the value."""
+    value = abs(raw.values[name])
+    return min(raw.last_places.get(name, _UNWRITTEN * value), _MOST_SHARE * value)
 
 
 def _solved(problem: _Problem, free: Sequence[Parameter]) -> dict[str, float] | None:
