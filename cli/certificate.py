@@ -188,13 +188,14 @@ class _Units:
 
 
 def _units(certificate: Certificate) -> _Units:
-    structures = certificate.scenario.folder.manifest.structures
+    manifest = certificate.scenario.folder.manifest
+    structures, own = manifest.structures, manifest.own
     given = {f.name: f.unit for f in structures["continuous_output"].fields}
     state = {f.name: f.unit for f in structures["continuous_state"].fields}
     actuators = [f.unit for f in structures["plant_input"].fields]
     if len(actuators) == 1:
-        return _Units(given["beta"], state["bound_estimate"], given["adb"])
-    rows = [given[f"beta{k + 1}"] for k in range(len(actuators))]
+        return _Units(given[own("beta")], state[own("bound_estimate")], given[own("adb")])
+    rows = [given[name] for name in manifest.numbered("beta")]
     legend = {"[beta]": ", ".join(rows), "[tau]": ", ".join(actuators)}
     return _Units("[beta]", "[tau]", "[beta]/s/[tau]", legend)
 

@@ -75,6 +75,7 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
 
 def _print_design(set_name: str, design: object) -> None:
     values = vars(design)
+    unit = f" [{values['singular_unit']}]" if values["singular_unit"] else ""
     poles = ", ".join(f"{p:.4g}" for p in values["zero_dynamics_poles"])
     rows = [(k, output.figure(v)) for k, v in values["gains"].items()]
     rows += [
@@ -82,7 +83,7 @@ def _print_design(set_name: str, design: object) -> None:
         ("stable", values["stable"]),
         ("Routh's column, 1/s^k", ", ".join(map(output.figure, values["routh_column"]))),
         ("ADB at the setpoint", output.figure(values["input_gain"])),
-        ("distance to ADB = 0 [rad]", output.figure(values["singular_distance_rad"])),
+        (f"distance to ADB = 0{unit}", output.figure(values["singular_distance_rad"])),
         ("along", values["singular_coordinate"] or "-"),
         ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
     ]

@@ -24,6 +24,7 @@ import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.control_terms import take_parameters
 from pfaffian.derive.cyclic import trailing_zeros
+from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.routh import DAMPED, FRICTIONLESS
 from pfaffian.derive.spec import ModelSpec
 from pfaffian.derive.zero_dynamics import ZeroDynamics, without_friction
@@ -126,7 +127,7 @@ def hurwitz_conditions(spec: ModelSpec, zeros: ZeroDynamics) -> HurwitzCondition
     still = without_friction(spec, zeros.coefficients)
     enters = still != zeros.coefficients
     conditions = named_conditions if zeros.entries else closed_conditions
-    names = coefficient_symbols(order)
+    names = coefficient_symbols(order, spec.own)
     left = order - min(zeros.at_origin, trailing_zeros(zeros.coefficients))
     damped = zeros.in_slopes[: left + 1] if enters and left <= CLOSED_DEGREE else ()
     return HurwitzConditions(
@@ -136,9 +137,10 @@ def hurwitz_conditions(spec: ModelSpec, zeros: ZeroDynamics) -> HurwitzCondition
     )
 
 
-def coefficient_symbols(degree: int) -> tuple[sp.Symbol, ...]:
-    """Return the symbols a_n ... a_0."""
-    return tuple(sp.Symbol(f"a{k}", real=True) for k in reversed(range(degree + 1)))
+def coefficient_symbols(degree: int, own: OwnNames | None = None) -> tuple[sp.Symbol, ...]:
+    """Return the symbols a_n ... a_0; their names give way as `own` has it."""
+    names = (f"a{k}" for k in reversed(range(degree + 1)))
+    return tuple(sp.Symbol(own(n) if own else n, real=True) for n in names)
 
 
 def closed_conditions(
@@ -324,12 +326,14 @@ def _block(
 ) -> Block | None:
     if not conditions:
         return None
-    builder = BlockBuilder(name, f"{spec.title}: derived Hurwitz conditions")
+    builder = BlockBuilder(name, f"{spec.title}: derived Hurwitz conditions", spec.own)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "uncertainty")
     for symbol, entry in zeros.entries:
         builder.define(symbol.name, entry, "entry of the linearisation")
     slopes = dict(zeros.slopes)
-    known = dict(zip(coefficient_symbols(len(coefficients) - 1), coefficients, strict=True))
+    known = dict(
+        zip(coefficient_symbols(len(coefficients) - 1, spec.own), coefficients, strict=True)
+    )
     for k, condition in enumerate(c.brief for c in conditions):
         margin = condition.margin.xreplace(known if condition.named else slopes)
         builder.give(f"margin{k + 1}", margin, "", condition.text)

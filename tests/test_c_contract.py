@@ -393,17 +393,6 @@ def test_sets_whose_constants_would_hide_a_name_are_refused(emission, names):
         Emission(emission.model, sets)
 
 
-@pytest.mark.parametrize("name", ["double", "lambda", "input", "théta", "1st", "pf_sin", "s"])
-def test_names_the_generated_code_cannot_have_are_refused(emission, name):
-    step = emission.model.program("step")
-    inputs = tuple(
-        dataclasses.replace(s, name=name) if s.name == "sigma" else s for s in step.inputs
-    )
-    programs = (dataclasses.replace(step, inputs=inputs),)
-    with pytest.raises(InputError, match=name):
-        Emission(dataclasses.replace(emission.model, programs=programs), emission.sets)
-
-
 def test_a_parameter_without_bounds_is_still_checked_to_be_finite(emission):
     free = {"lower": -math.inf, "upper": math.inf, "lower_open": False}
     parameters = tuple(

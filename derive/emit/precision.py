@@ -12,6 +12,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from pfaffian.derive.emit.local_names import C_LOCALS
 from pfaffian.derive.emit.statements import Dialect
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.derive.parameters import Parameter
@@ -158,6 +159,7 @@ _DOUBLE_DIALECT = Dialect(
     literal=c_literal,
     sincos="pf_sincos",
     truths={"engaged": ""},
+    reserved=C_LOCALS,
 )
 
 #: The step calls what it needs often as inline functions: same bits, no call.

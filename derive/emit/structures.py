@@ -17,10 +17,14 @@ STATUS_TEXT = {
 }
 
 
-def _fields(signals: list[Signal], real: str) -> tuple[Field, ...]:
-    unique = {s.name: s for s in signals}
+def _fields(signals: list[Signal], real: str, truth: str = "") -> tuple[Field, ...]:
+    """Return the members that hold `signals`; the one called `truth` is no real number."""
+    unique: dict[str, Signal] = {}
+    for s in signals:
+        if unique.setdefault(s.name, s) != s:
+            raise ValueError(f"two members called {s.name}: {unique[s.name]} and {s}")
     return tuple(
-        Field(s.name, "uint32_t" if s.name == "engaged" else real, s.unit, s.description)
+        Field(s.name, "uint32_t" if s.name == truth else real, s.unit, s.description)
         for s in unique.values()
     )
 
@@ -65,7 +69,7 @@ def structures_of(
     roles = {
         "params": parameters(*whole, continuous, *swing_up),
         "input": motion + _fields(timed, real),
-        "state": _fields(state, real),
+        "state": _fields(state, real, model.own("engaged")),
         "output": _fields(outputs, real),
         "continuous_state": _fields(_group(continuous, "state"), real),
         "continuous_output": _fields(list(continuous.outputs), real),
