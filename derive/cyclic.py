@@ -119,7 +119,7 @@ def cyclic_blocks(
     """Return the zeros at the origin by direction, and the conserved momenta, where there are."""
     blocks = []
     if at_origin:
-        builder = BlockBuilder(CYCLIC, f"{spec.title}: zeros at the origin")
+        builder = BlockBuilder(CYCLIC, f"{spec.title}: zeros at the origin", spec.own)
         left = at_origin
         for k, direction in enumerate(directions):
             own = min(direction.zeros, left)
@@ -128,7 +128,7 @@ def cyclic_blocks(
         blocks.append(builder.build())
     momenta = conserved_momenta(spec, dynamics)
     if momenta:
-        builder = BlockBuilder(CONSERVED, f"{spec.title}: conserved momenta")
+        builder = BlockBuilder(CONSERVED, f"{spec.title}: conserved momenta", spec.own)
         for k, name in enumerate(momenta):
             text = f"the momentum along {name} is conserved, as no actuator changes it"
             builder.give(f"conserved{k + 1}", sp.S.One, "", text)

@@ -326,7 +326,9 @@ def _rest_reference(spec: ModelSpec) -> Block | None:
     moving = [phi for phi in spec.constraint.references if TIME in phi.free_symbols]
     if not moving:
         return None
-    builder = BlockBuilder("rest_reference", f"{spec.title}: moving constraints at time 0")
+    builder = BlockBuilder(
+        "rest_reference", f"{spec.title}: moving constraints at time 0", spec.own
+    )
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
     at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
     at_rest |= dict.fromkeys([*spec.velocities, TIME], sp.S.Zero)
