@@ -13,6 +13,7 @@ import gmpy2
 import numpy as np
 import sympy as sp
 from pfaffian.derive.block import Block
+from pfaffian.derive.numeric import function_of
 from sympy.core.relational import Relational
 
 #: 200 bits are 60 decimal digits; 50 are promised, ten are for the oracle's own rounding.
@@ -110,7 +111,7 @@ def _compiled(
     symbol: sp.Symbol | None, expression: sp.Basic, namespace: Mapping[str, Any]
 ) -> _Compiled:
     needs = sorted(expression.free_symbols, key=lambda s: s.name)
-    function = sp.lambdify(needs, expression, modules=[dict(namespace), "mpmath"], dummify=True)
+    function = function_of(needs, expression, [dict(namespace), "mpmath"])
     return (symbol.name if symbol else "", function, tuple(s.name for s in needs))
 
 

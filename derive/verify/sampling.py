@@ -12,6 +12,7 @@ from pfaffian.derive.block import Block
 from pfaffian.derive.elementary import SINCOS_MAX
 from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.numeric import function_of
 from pfaffian.derive.program import Signal, evaluate
 from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 
@@ -160,9 +161,7 @@ def _angles(block: Block) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
     for angle in taken:
         needs = sorted(angle.free_symbols, key=lambda s: s.name)
         if set(needs) <= set(block.symbols):
-            rows.append(
-                (tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy", dummify=True))
-            )
+            rows.append((tuple(s.name for s in needs), function_of(needs, angle, "numpy")))
     return rows
 
 

@@ -13,6 +13,7 @@ import sympy as sp
 from pfaffian.derive.block import Block
 from pfaffian.derive.emit.precision import STAND_INS
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.numeric import function_of
 from pfaffian.derive.program import Op, Program
 from pfaffian.derive.verify.condition import NUMPY
 
@@ -61,7 +62,7 @@ class NamedValues:
         for d in block.definitions:
             expression = d.expression.xreplace(swapped)
             needs = sorted(expression.free_symbols, key=lambda s: s.name)
-            function = sp.lambdify(needs, expression, modules=NUMPY, dummify=True)
+            function = function_of(needs, expression, NUMPY)
             self._steps.append((d.symbol.name, [s.name for s in needs], function))
 
     def __call__(self, inputs: Mapping[str, Array]) -> dict[str, Array]:
