@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz names flips mutants vectors soak \
-  bench reproduce docs setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips \
+  mutants misprints vectors soak bench reproduce docs setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -44,6 +44,16 @@ TIME ?= 60
 fuzz: $(READY)
 	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
 
+# Documents and command lines as nobody would write them: TRIES of them must end in a message.
+TRIES ?= 20000
+fuzz-inputs: $(READY)
+	PFAFFIAN_FUZZ_TRIES=$(TRIES) $(BIN)/python -m pytest -s -n $(JOBS) tests/test_fuzz_inputs.py
+
+# Every command interrupted at many moments, in seconds from its first line on.
+DELAYS ?= 0,0.02,0.05,0.1,0.15,0.2,0.3,0.5,0.7,1,1.5,2,3,5,8
+interrupts: $(READY)
+	PFAFFIAN_INTERRUPT_DELAYS=$(DELAYS) $(BIN)/python -m pytest tests/test_interrupt.py
+
 # 300 names as coordinate, parameter, gain, actuator and constraint, alone and with several (long).
 names: $(READY)
 	PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
@@ -76,6 +86,10 @@ reproduce: $(READY)
 # RENEW=--write` puts the figures printed now into the pages.
 docs: $(READY)
 	$(BIN)/python docs/printed.py $(RENEW)
+
+# Every sign, number and symbol of the audited equations misprinted in turn (minutes).
+misprints: $(READY)
+	PFAFFIAN_EVERY_MISPRINT=1 $(BIN)/python -m pytest -n $(JOBS) tests/test_audit.py -k every_sign
 
 setup: $(READY)
 

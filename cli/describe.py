@@ -49,7 +49,10 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
     model = lowered_model(folder)
     design = None
     if set_name:
-        design = assess(model, parameter_set(model, folder, folder.set_path(set_name)))
+        values = parameter_set(model, folder, folder.set_path(set_name))
+        for line in values.notes:
+            output.note(line)
+        design = assess(model, values)
     documents = dict(model.documents)
     derivation = json_module.loads(documents["derivation.json"])
     unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
@@ -72,6 +75,7 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
 
 def _print_design(set_name: str, design: object) -> None:
     values = vars(design)
+    unit = f" [{values['singular_unit']}]" if values["singular_unit"] else ""
     poles = ", ".join(f"{p:.4g}" for p in values["zero_dynamics_poles"])
     rows = [(k, output.figure(v)) for k, v in values["gains"].items()]
     rows += [
@@ -79,11 +83,13 @@ def _print_design(set_name: str, design: object) -> None:
         ("stable", values["stable"]),
         ("Routh's column, 1/s^k", ", ".join(map(output.figure, values["routh_column"]))),
         ("ADB at the setpoint", output.figure(values["input_gain"])),
-        ("distance to ADB = 0 [rad]", output.figure(values["singular_distance_rad"])),
+        (f"distance to ADB = 0{unit}", output.figure(values["singular_distance_rad"])),
         ("along", values["singular_coordinate"] or "-"),
         ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
     ]
     output.table(f"parameter set {set_name}", ("figure", "value"), rows)
+    for note in values["cyclic"]:
+        output.say(note)
     if values["hurwitz"]:
         margins = [(m.condition, output.figure(m.margin)) for m in values["hurwitz"]]
         title = f"Hurwitz conditions, parameter set {set_name}"

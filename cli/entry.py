@@ -102,15 +102,16 @@ def _watched(child: int, watched: set[signal.Signals], folder: str) -> int:
         received = signal.sigwait(watched)
         told = received if received in _TOLD else None
         status = _ended(child)
+    written = False
     if told and status is None:
         _hold(folder)  # from here on no file takes its place
-        if any(what == _COMMITTED for what, _ in _announced(folder)):
-            status = _wait(child)
+        written = any(what == _COMMITTED for what, _ in _announced(folder))
+        status = _wait(child) if written else None
     _end_descendants(child)
     _clear(folder)
     if told and (status is None or os.WIFSIGNALED(status)):
         _say("\x1b[?25h\n" if os.isatty(2) else "")  # a progress bar hides the cursor
-        _say("interrupted: nothing was written\n")
+        _say(f"interrupted: {'its files had been' if written else 'nothing was'} written\n")
         return 128 + told
     return _exit_code(status or 0)
 

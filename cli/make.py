@@ -97,9 +97,9 @@ def generate_files(
             f"model {source.name} has no parameter set",
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
         )
+    clock.record("parameters", since)
     for line in (n for s in sets for n in s.notes):
         output.note(line)
-    clock.record("parameters", since)
     jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
     plans = () if extras.bake else plan_tables(model, source, sets, extras.plan)
     since = time.perf_counter()
@@ -128,6 +128,7 @@ def generate_files(
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
                 "sets_left_out": dict(left_out),
+                "notes": [n for s in sets for n in s.notes],
                 "files": len(generation.files),
                 "changed": changed,
                 "passes": [asdict(p) for p in model.passes],

@@ -31,7 +31,7 @@ def print_table(
         sheet = Table(header_style="bold")
         _fill(sheet, [columns, *rows], width)
     else:
-        blocks = [list(zip(columns, row, strict=True)) for row in rows]
+        blocks = [_pairs(columns, row) for row in rows]
         pairs = [pair for block in blocks for pair in block]
         if not pairs or _least(pairs) > width:
             _print_lines(console, title, blocks, columns)
@@ -39,9 +39,16 @@ def print_table(
         sheet = Table(show_header=False)
         _fill(sheet, [("", ""), *pairs], width)
         for k in range(len(columns) - 1, len(pairs), len(columns)):
-            sheet.rows[k].end_section = True
+            sheet.rows[k].end_section = len(columns) >= _WIDE
     _print_title(console, title, width)
     console.print(sheet)
+
+
+def _pairs(columns: Cells, row: Cells) -> list[tuple[str, str]]:
+    """Return the names and values of `row`; one of two cells is such a pair already."""
+    if len(columns) == _WIDE - 1:
+        return [(row[0], row[1])]
+    return list(zip(columns, row, strict=True))
 
 
 def _fill(sheet: Table, cells: Sequence[Cells], width: int) -> None:
@@ -53,19 +60,19 @@ def _fill(sheet: Table, cells: Sequence[Cells], width: int) -> None:
 
 def _print_title(console: Console, title: str, width: int) -> None:
     for line in textwrap.wrap(title, width, break_long_words=False, break_on_hyphens=False):
-        console.print(Text(line, style="italic"))
+        console.print(Text(line, style="italic"), soft_wrap=True)
 
 
 def _print_lines(
     console: Console, title: str, blocks: Sequence[Sequence[Cells]], columns: Cells
 ) -> None:
     """Print names and values on lines of their own, however long."""
-    console.print(Text(title, style="italic"))
+    console.print(Text(title, style="italic"), soft_wrap=True)
     if not blocks:
-        console.print(Text(", ".join(columns)))
+        console.print(Text(", ".join(columns)), soft_wrap=True)
     for block in blocks:
         for name, value in block:
-            console.print(Text.assemble((name, "bold"), ": ", value))
+            console.print(Text.assemble((name, "bold"), ": ", value), soft_wrap=True)
 
 
 def _widths(cells: Sequence[Cells], width: int) -> list[int]:

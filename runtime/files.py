@@ -47,10 +47,7 @@ def check_output(
             raise InputError(
                 f"{option} {path}: there is no folder {path.parent}", remedy="make it first"
             )
-        _check_place(path, option, path.resolve().parent)
-        os.lstat(path.parent / f".{path.name}-12345678")
-    except FileNotFoundError:
-        return  # of the last line: so the name is not too long
+        _try(path, option, path.resolve().parent, path.name)
     except (OSError, ValueError, RuntimeError) as error:
         raise unwritable(path, error, option) from error
 
@@ -71,22 +68,24 @@ def check_output_folder(folder: Path | None, option: str) -> None:
             raise InputError(
                 f"{option} {folder}: {place.name} {what}", remedy="name another folder"
             )
-        _check_place(folder, option, place)
-        os.lstat(folder / ".12345678")
-    except (FileNotFoundError, NotADirectoryError):
-        return
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            os.lstat(folder)  # its name may be too long
+        _try(folder, option, place)
     except (OSError, ValueError, RuntimeError) as error:
         raise unwritable(folder, error, option) from error
 
 
-def _check_place(path: Path, option: str, folder: Path) -> None:
-    """Raise `InputError` where nothing can be made in `folder`: no folder, its rights, its disk."""
+def _try(path: Path, option: str, folder: Path, name: str = "pfaffian") -> None:
+    """Make a file in `folder` and remove it: what the system says of rights is not all."""
     if not folder.is_dir():
         raise InputError(f"{option} {path}: {folder} is no folder", remedy="name another place")
     if not os.access(folder, os.W_OK | os.X_OK):
         read_only = bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
         code = errno.EROFS if read_only else errno.EACCES
-        raise unwritable(path, OSError(code, os.strerror(code)), option)
+        raise OSError(code, os.strerror(code))
+    probe = announced(folder, f".{name}-")
+    probe.touch(exist_ok=False)
+    probe.unlink()
 
 
 def unwritable(path: Path, error: Exception, option: str = "-o") -> InputError:
