@@ -36,6 +36,7 @@ from pfaffian.derive.spec import (
     symbol_of,
     symbols_of,
 )
+from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.given_names import given_away
 
@@ -110,6 +111,7 @@ class ModelBuilder:
                 f"model {self._name}: friction along {rate}, which is not linear in the velocities",
                 remedy="give q' of a joint, or a difference of two; put the law into the force",
             )
+        check_supported(sp.sympify(force), f"model {self._name}: the friction along {rate}")
         self._own_friction.append((rate, sp.sympify(force)))
 
     def setpoint(self, coordinate: sp.Symbol) -> sp.Symbol:
@@ -198,6 +200,7 @@ class ModelBuilder:
                 "expression",
                 remedy="give each constraint by a call of its own, in the symbols declared",
             )
+        check_supported(found, f"model {self._name}: the servo-constraint {name}")
         return found
 
     def _add(self, made: _Residual) -> None:
