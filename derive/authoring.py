@@ -67,6 +67,7 @@ class ModelBuilder:
         self._own_uncertain: list[Parameter] = []
         self._own_friction: list[tuple[sp.Expr, sp.Expr]] = []
         self._residuals: list[_Residual] = []
+        self._references: list[sp.Expr] = []
         self._swing_up: tuple[Parameter, ...] = ()
 
     def coordinate(
@@ -167,6 +168,7 @@ class ModelBuilder:
         value, speed = self._expression(name, phi), self._expression(name, rate)
         residual = holonomic(value, speed, self._coordinates)
         self.first_order(name, unit_product((unit, 1), ("s", -1)), residual)
+        self._references.append(value)
 
     def second_order(self, name: str, unit: str, psi: sp.Expr) -> None:
         """Add psi = A(q, q', t) q'' - b(q, q', t) = 0, psi in `unit`, written in accelerations."""
@@ -358,6 +360,7 @@ class ModelBuilder:
             drift=Matrix(drift),
             errors=Matrix(errors),
             setpoint=tuple(getattr(p, f"{c.name}d") for c in self._coordinates),
+            references=tuple(self._references),
         )
 
     def _standard_residual(
