@@ -2,7 +2,7 @@
 
 What is fuzzed is real, from the command line to the last check of what was given. What would follow
 it and takes long (flights, solvers, compilers) is replaced by a check that does not hold.
-`make fuzz-inputs` takes 20,000 tries, the default some hundred.
+`make fuzz-inputs` takes 20,000 tries, the default 50.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pfaffian.runtime.target_files import target_paths
 from pfaffian.runtime.twin.campaign import campaign_paths
 from support_fuzz import QUANTITIES, TEXTS, judge, spoiled, spoiled_text, toml
 
-TRIES = int(os.environ.get("PFAFFIAN_FUZZ_TRIES", "120"))
+TRIES = int(os.environ.get("PFAFFIAN_FUZZ_TRIES", "50"))
 #: No try may take longer, in seconds: an input that keeps the program busy for ever is a fault too.
 _LONGEST = 60
 
