@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run run-all test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips \
-  mutants vectors soak bench reproduce docs setup clean
+.PHONY: run run-all test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips mutants \
+  vectors soak bench reproduce docs setup clean misprints
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -90,6 +90,10 @@ reproduce: $(READY)
 # RENEW=--write` puts the figures printed now into the pages.
 docs: $(READY)
 	$(BIN)/python docs/printed.py $(RENEW)
+
+# Every sign, number and symbol of the audited equations misprinted in turn (minutes).
+misprints: $(READY)
+	PFAFFIAN_EVERY_MISPRINT=1 $(BIN)/python -m pytest -n $(JOBS) tests/test_audit.py -k every_sign
 
 setup: $(READY)
 
