@@ -17,7 +17,7 @@ from pfaffian.derive.law_parameters import Domain
 
 
 def model():
-    m = ModelBuilder("mirror", title="Torsional micromirror on a frame", source="made up here", domain=Domain())
+    m = ModelBuilder("mirror", title="Torsional micromirror", source="own", domain=Domain())
     a, da = m.coordinate("frame", "rad", "driven frame", bound=10, rate_bound=1e7)
     b, db = m.coordinate("tilt", "rad", "mirror against the frame", bound=10, rate_bound=1e7)
     ja = m.parameter("frame_inertia", "kg*m^2", "frame")
@@ -59,7 +59,7 @@ from pfaffian.derive.law_parameters import Domain
 
 
 def model():
-    m = ModelBuilder("ship", title="Ship that carries a hanging load", source="made up here", domain=Domain())
+    m = ModelBuilder("ship", title="Ship with a hanging load", source="own", domain=Domain())
     x, dx = m.coordinate("x", "m", "along the track", bound=1e6, rate_bound=100)
     a, da = m.coordinate("swing", "rad", "of the load from hanging", bound=100, rate_bound=100)
     ship = m.parameter("ship_mass", "kg", "with the water it moves")
