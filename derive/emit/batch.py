@@ -8,7 +8,7 @@ from pfaffian.derive.emit.c import Body, body_of, c_literal, domain, pointers
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bounds
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.precision import DOUBLE
-from pfaffian.derive.emit.structures import structures_of
+from pfaffian.derive.emit.structures import structures_of, witness_of
 from pfaffian.derive.program import Op, Signal
 from pfaffian.runtime.manifest import Structure
 
@@ -101,6 +101,7 @@ def emit_batch(emission: Emission) -> dict[str, str]:
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": checked,
+        "witness": witness_of(structures),
         "next_state": [s.name for s in emission.step.outputs if s.group == "next_state"],
         "acceleration": body_of(model.program("acceleration"), plant, SAMPLE),
     }

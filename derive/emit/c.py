@@ -21,7 +21,7 @@ from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.emit.precision import c_literal as c_literal
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
-from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.ranges import Range, unbounded
 from pfaffian.derive.program import Program, Signal, restricted
@@ -193,6 +193,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
+        "witness": witness_of(structures),
         "sets": _set_contexts(emission, structures["params"]),
         "parameter_bounds": [
             *_bounds(model, structures["params"], precision),
@@ -224,6 +225,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     if swings:
         context |= _swing_up(model, precision)
     for template, path in (
+        ("pf_arithmetic.h", f"pf_arithmetic{precision.suffix}.h"),
         ("pf_scalar.h", f"pf_scalar{precision.suffix}.h"),
         ("pf_model.h", "pf_model.h"),
         ("params.h", f"{model.name}_params.h"),

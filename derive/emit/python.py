@@ -14,7 +14,7 @@ from pfaffian.derive.emit.emitter import (
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
-from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.optimise.ranges import unbounded
 from pfaffian.derive.program import Op, Program
 
@@ -103,6 +103,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             }
             for role, s in structures.items()
         ],
+        "witness": witness_of(structures),
         "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
         "sets": [
             {

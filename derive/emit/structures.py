@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import TIME_NAME, Program, Signal
 from pfaffian.runtime.manifest import Field, Structure
 
-STATUS = ("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC")
+STATUS = (
+    *("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC"),
+    *("NOT_READY", "BAD_ARITHMETIC"),
+)
+#: A member of the state that init makes positive: where it is not, the state was not prepared.
+WITNESS = "half_sample_time"
 STATUS_TEXT = {
     "OK": "the law was applied as derived",
     "SATURATED": "the torque is at its limit; integral and adaptation are held",
@@ -14,7 +21,14 @@ STATUS_TEXT = {
     "BAD_INPUT": "a measurement is not inside its bound or no number; torque 0, state kept",
     "BAD_PARAMETER": "a parameter is not finite or out of its bounds",
     "NUMERIC": "a result was not finite or beyond the limit; torque 0, state kept",
+    "NOT_READY": "init has not prepared the state, or has refused it; torque 0, state kept",
+    "BAD_ARITHMETIC": "of init alone: this build or processor does not compute as IEEE 754 demands",
 }
+
+
+def witness_of(structures: Mapping[str, Structure]) -> str:
+    """Return the member of the state that says whether it was prepared; empty where none can."""
+    return WITNESS if WITNESS in structures["state"].names() else ""
 
 
 def _fields(signals: list[Signal], real: str) -> tuple[Field, ...]:
