@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 JOBS ?= 2
 
-.PHONY: run test lint check verify elementary machines prove fuzz flips vectors soak bench reproduce \
-  setup clean
+.PHONY: run test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips \
+  mutants vectors soak bench reproduce docs setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -44,9 +44,27 @@ TIME ?= 60
 fuzz: $(READY)
 	PFAFFIAN_FUZZ_SECONDS=$(TIME) $(BIN)/python -m pytest -s -rs tests/test_fuzz.py -k finds_nothing
 
+# Documents and command lines as nobody would write them: TRIES of them must end in a message.
+TRIES ?= 20000
+fuzz-inputs: $(READY)
+	PFAFFIAN_FUZZ_TRIES=$(TRIES) $(BIN)/python -m pytest -s -n $(JOBS) tests/test_fuzz_inputs.py
+
+# Every command interrupted at many moments, in seconds from its first line on.
+DELAYS ?= 0,0.02,0.05,0.1,0.15,0.2,0.3,0.5,0.7,1,1.5,2,3,5,8
+interrupts: $(READY)
+	PFAFFIAN_INTERRUPT_DELAYS=$(DELAYS) $(BIN)/python -m pytest tests/test_interrupt.py
+
+# 300 names as coordinate, parameter, gain, actuator and constraint, alone and with several (long).
+names: $(READY)
+	PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
+
 flips: $(READY)
 	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
 	  tests/test_control_flips.py tests/test_control_bits.py
+
+# Each of the planted faults of tests/mutants in a scratch copy, against the tests that must notice.
+mutants: $(READY)
+	$(BIN)/python tests/mutants/run.py --jobs $(JOBS)
 
 # The vectors for builds on other hardware, computed again.
 vectors: $(READY)
@@ -63,6 +81,11 @@ bench: $(READY)
 # Every simulation of the paper, its convergence tables and the verdicts on its claims (minutes).
 reproduce: $(READY)
 	$(BIN)/pfaffian reproduce all
+
+# Every printed block of the README and of docs/ run again and compared (long); `make docs
+# RENEW=--write` puts the figures printed now into the pages.
+docs: $(READY)
+	$(BIN)/python docs/printed.py $(RENEW)
 
 setup: $(READY)
 

@@ -27,7 +27,7 @@ def show_audit(reference: str, form: str, as_json: bool) -> None:
 
     def show() -> None:
         if form == "latex":
-            print(audit_latex(result), end="")
+            output.write(audit_latex(result))
         else:
             _print_text(result)
 
@@ -48,7 +48,7 @@ def _print_text(result: Audit) -> None:
         _print_difference(finding.name, finding.verdict)
     counts = result.summary()
     for what, by_status in counts.items():
-        print(f"{what}: {', '.join(f'{n} {status}' for status, n in by_status.items())}")
+        output.say(f"{what}: {', '.join(f'{n} {status}' for status, n in by_status.items())}")
 
 
 def _print_difference(name: str, verdict: Verdict) -> None:
@@ -56,7 +56,7 @@ def _print_difference(name: str, verdict: Verdict) -> None:
 
     if verdict.counterexample is None:
         return
-    print(f"{name}")
-    print(f"  printed: {form_text(verdict.printed)}")
-    print(f"  derived: {form_text(verdict.derived)}")
-    print(f"  {counterexample_text(verdict.counterexample)}")
+    output.say(f"{name}")
+    output.say(f"  printed: {form_text(verdict.printed)}")
+    output.say(f"  derived: {form_text(verdict.derived)}")
+    output.say(f"  {counterexample_text(verdict.counterexample)}")

@@ -64,7 +64,7 @@ def _timed(
     command = [
         sys.executable,
         "-m",
-        "pfaffian.cli.main",
+        "pfaffian.cli.entry",
         "generate",
         reference,
         "--params",

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 from pfaffian.cli.options import Json
 
-bench_app = typer.Typer(no_args_is_help=True, help="Measure against peers in the same run.")
+bench_app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, help="Measure against peers in the same run."
+)
 
 
 @bench_app.command("regenerate")

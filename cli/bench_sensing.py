@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.runtime.sensing_bench import EstimatorFigures
@@ -20,11 +19,12 @@ def bench_sensing(
     """Measure both estimators over a range of bandwidths; print the table, draw it if asked."""
     from dataclasses import replace
 
+    from pfaffian.runtime.files import check_output, write_outputs
     from pfaffian.runtime.quantity import parse_quantity
     from pfaffian.runtime.sensing import SensingParameters, host_sensing
     from pfaffian.runtime.sensing_bench import measured_estimators, proposed_estimator
 
-    _check_plot(plot, force)
+    check_output(plot, "--plot", ".svg", force=force)
     allowed = parse_quantity(delay, "s", "--delay")
     base = SensingParameters()
     if damping is not None:
@@ -32,10 +32,9 @@ def bench_sensing(
     figures = measured_estimators(host_sensing(), base, tell=output.note)
     chosen = proposed_estimator(figures, allowed)
     if plot is not None:
-        from pfaffian.runtime.files import write_whole
         from pfaffian.runtime.sensing_plot import noise_svg
 
-        write_whole(plot, noise_svg(figures, chosen))
+        write_outputs({plot: noise_svg(figures, chosen)}, "--plot")
     document = {
         "counts_per_turn": base.counts_per_turn,
         "sample_time": base.sample_time,
@@ -46,22 +45,6 @@ def bench_sensing(
         "plot": str(plot) if plot else None,
     }
     output.deliver(document, as_json, lambda: _print(document, figures, chosen))
-
-
-def _check_plot(plot: Path | None, force: bool) -> None:
-    """Raise `InputError` for a file that cannot be meant, before anything is measured."""
-    if plot is None:
-        return
-    if plot.suffix != ".svg":
-        raise InputError(f"--plot {plot}: is no .svg file", remedy="name it *.svg")
-    if plot.is_dir():
-        raise InputError(f"--plot {plot}: is a folder", remedy="name a file")
-    if plot.exists() and not force:
-        raise InputError(
-            f"--plot {plot}: exists already", remedy="name another file, or add --force"
-        )
-    if not plot.parent.is_dir():
-        raise InputError(f"--plot {plot}: there is no folder {plot.parent}", remedy="make it first")
 
 
 def _row(figures: EstimatorFigures) -> dict[str, Any]:
@@ -93,7 +76,7 @@ def _print(
         ("estimator", "w [rad/s]", *lags, "moving", "standstill", "slow"),
         rows,
     )
-    output.out.print(
+    output.say(
         f"* proposed: {chosen.estimator}, {chosen.bandwidth:g} rad/s, the least noise of those "
         f"that delay {LAG_FREQUENCIES[-1]:g} rad/s by at most "
         f"{1e3 * document['allowed_delay']:g} ms"

@@ -164,7 +164,7 @@ def _print(document: Mapping[str, Any]) -> None:
         [[n, "-" if v is None else f"{v:.1f}"] for n, v in document["python_ns"].items()],
     )
     ratio, host_ratio = document["ratio_to_casadi"], document["host_ratios"]["casadi"]
-    output.out.print(
+    output.say(
         f"ours / casadi: {ratio:.3f} in instructions on the PowerPC 750, {host_ratio:.3f} in time "
         "on the host"
     )
@@ -172,12 +172,12 @@ def _print(document: Mapping[str, Any]) -> None:
     quotients = {
         n: python[n] / python["numpy_vectorised"] for n in ("lambdify_loop", "lambdify_math_loop")
     }
-    output.out.print(
+    output.say(
         "numpy_vectorised is faster than "
         + " and ".join(f"{n} {q:.0f} times" for n, q in quotients.items())
     )
     if document["missing"]:
-        output.out.print(f"not installed, left out: {', '.join(document['missing'])}")
+        output.say(f"not installed, left out: {', '.join(document['missing'])}")
 
 
 _COLUMNS = ("best", "median", "worst", "text_bytes", "stack_bytes")

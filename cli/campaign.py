@@ -15,14 +15,16 @@ def fly(
     reference: str, generated: Path | None, jobs: int, written: Path | None, as_json: bool
 ) -> None:
     """Fly the campaign `reference` and report a row a case; `written` takes them as CSV."""
+    from pfaffian.runtime.files import check_output, write_outputs
     from pfaffian.runtime.twin.campaign import read_campaign
 
+    check_output(written, "-o")
     if jobs < 1:
         raise InputError(f"--jobs: {jobs}", remedy="give 1 or more")
     campaign = read_campaign(reference)
     rows = fly_rows(reference, generated, jobs)
     if written:
-        _write(written, csv_of(rows))
+        write_outputs({written: csv_of(rows).encode()})
     document = {"campaign": campaign.name, "title": campaign.title, "rows": rows}
     output.deliver(document, as_json, lambda: _show(campaign.title, rows))
 
@@ -57,17 +59,6 @@ def _cell(value: Any) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
-def _write(path: Path, text: str) -> None:
-    from pfaffian.runtime.files import write_whole
-
-    try:
-        write_whole(path, text.encode())
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror})", remedy="choose another -o"
-        ) from error
-
-
 def _show(title: str, rows: list[dict[str, Any]]) -> None:
     hidden = ("sha256", "failed", "seed", "capture_time_least")
     names = [n for n in rows[0] if n not in hidden]
@@ -78,7 +69,7 @@ def _show(title: str, rows: list[dict[str, Any]]) -> None:
         if failed:
             more = f" and {len(failed) - 12} more" if len(failed) > 12 else ""
             which = ", ".join(map(str, failed[:12]))
-            output.out.print(f"not captured (seed {row['seed']}): rigs {which}{more}")
+            output.say(f"not captured (seed {row['seed']}): rigs {which}{more}")
 
 
 def _shown(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -31,26 +32,39 @@ def certify_design(
     params: Path | None,
     region: str | None,
     initial: str | None,
+    generated: Path | None,
     as_json: bool,
 ) -> None:
-    """Print Theorem 1 in numbers for a scenario, beside a flight of the continuous law."""
+    """Print Theorem 1 in numbers for a scenario, beside a flight of the continuous law.
+
+    A plant of one's own is generated for it, unless `generated` is a folder of its code.
+    """
     from pfaffian.derive.certificate.certify import certify
-    from pfaffian.derive.certificate.region import parse_region
+    from pfaffian.derive.certificate.region import parse_point, parse_region
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, lowered_model
     from pfaffian.runtime.continuous import fly_continuous
     from pfaffian.runtime.generated_model import host_model
+    from pfaffian.runtime.scenario import read_scenario
 
     source = find_model(reference)
+    _check_choice(set_name, params)
     model, derivation = lowered_model(source), derivation_of(source)
-    scenario = _scenario(model, source, scenario_name, set_name, params, initial)
-    coordinates = scenario.folder.manifest.coordinates
-    sides = parse_region(region, coordinates, scenario.setpoint) if region else {}
-    output.note(f"flying {scenario.name} under the continuous law")
-    flight = fly_continuous(scenario, host_model(scenario.folder))
-    output.note("bounding ADB and Fhat over the region")
-    certificate = certify(derivation, flight, sides)
-    document = certificate_document(source.name, certificate)
+    with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
+        name = scenario_name or _first_scenario(source, set_name)
+        code = generated or _own_code(source, Path(scratch))
+        scenario = _scenario(model, source, read_scenario(name, code, set_name))
+        if params:
+            scenario = _with_parameters(scenario, model, source, params)
+        if initial:
+            scenario = replace(scenario, initial=parse_point(initial, scenario.initial))
+        coordinates = scenario.folder.manifest.coordinates
+        sides = parse_region(region, coordinates, scenario.setpoint) if region else {}
+        output.note(f"flying {scenario.name} under the continuous law")
+        flight = fly_continuous(scenario, host_model(scenario.folder))
+        output.note("bounding ADB and Fhat over the region")
+        certificate = certify(derivation, flight, sides)
+        document = certificate_document(source.name, certificate)
     output.deliver(
         document,
         as_json,
@@ -60,25 +74,30 @@ def certify_design(
     )
 
 
-def _scenario(
-    model: LoweredModel,
-    source: ModelFolder,
-    name: str | None,
-    set_name: str | None,
-    params: Path | None,
-    initial: str | None,
-) -> Scenario:
-    """Return the scenario to certify; where none is named, one of the model that flies the set."""
-    from pfaffian.derive.certificate.region import parse_point
-    from pfaffian.runtime.scenario import read_scenario
-
+def _check_choice(set_name: str | None, params: Path | None) -> None:
     if set_name and params:
         raise InputError("--set and --params exclude each other", remedy="give one of them")
-    scenario = read_scenario(name or _first_scenario(source.name, set_name), set_name=set_name)
+
+
+def _own_code(source: ModelFolder, scratch: Path) -> Path | None:
+    """Return a folder of freshly generated code; nothing for a model whose code is here."""
+    from pfaffian.cli.main_job import generation_of
+    from pfaffian.derive.library import library_models
+    from pfaffian.derive.writer import write_generation
+
+    if source in library_models().values():
+        return None
+    output.note(f"generating the code of {source.name}")
+    write_generation(generation_of(source), scratch / source.name)
+    return scratch / source.name
+
+
+def _scenario(model: LoweredModel, source: ModelFolder, scenario: Scenario) -> Scenario:
+    """Return `scenario`; raise where it flies another model, or code of other equations."""
     manifest = scenario.folder.manifest
-    if manifest.model != source.name:
+    if manifest.model != model.name:
         raise InputError(
-            f"scenario {scenario.name} flies {manifest.model}, not {source.name}",
+            f"scenario {scenario.name} flies {manifest.model}, not {model.name}",
             remedy="name a scenario of that model: pfaffian models",
         )
     if manifest.model_sha256 != model.sha256:
@@ -87,27 +106,21 @@ def _scenario(
             f"now",
             remedy=f"regenerate it: pfaffian generate {source.name} -o {scenario.folder.path}",
         )
-    if params:
-        scenario = _with_parameters(scenario, model, source, params)
-    if initial:
-        scenario = replace(scenario, initial=parse_point(initial, scenario.initial))
     return scenario
 
 
-def _first_scenario(model: str, set_name: str | None) -> str:
+def _first_scenario(source: ModelFolder, set_name: str | None) -> str:
     """Return the model's first scenario by name, of those that fly the set if one is named."""
-    from pfaffian.runtime.documents import read_toml
-    from pfaffian.runtime.scenario import scenario_paths
+    from pfaffian.runtime.scenario_files import scenarios_of
 
-    documents = {n: read_toml(p) for n, p in scenario_paths().items()}
-    names = [n for n, d in documents.items() if d.get("model") == model]
-    if not names:
+    documents = scenarios_of(source.name, source.scenarios())
+    if not documents:
         raise InputError(
-            f"no scenario of model {model} comes with this package",
-            remedy="write one and name it with --scenario",
+            f"there is no scenario of model {source.name}",
+            remedy="write one beside spec.py, scenarios/NAME.toml, or name one with --scenario",
         )
-    flown = [n for n in names if documents[n].get("set") == set_name]
-    return (flown or names)[0]
+    flown = [n for n, d in documents.items() if d.get("set") == set_name]
+    return (flown or list(documents))[0]
 
 
 def _with_parameters(
@@ -175,13 +188,14 @@ class _Units:
 
 
 def _units(certificate: Certificate) -> _Units:
-    structures = certificate.scenario.folder.manifest.structures
+    manifest = certificate.scenario.folder.manifest
+    structures, own = manifest.structures, manifest.own
     given = {f.name: f.unit for f in structures["continuous_output"].fields}
     state = {f.name: f.unit for f in structures["continuous_state"].fields}
     actuators = [f.unit for f in structures["plant_input"].fields]
     if len(actuators) == 1:
-        return _Units(given["beta"], state["bound_estimate"], given["adb"])
-    rows = [given[f"beta{k + 1}"] for k in range(len(actuators))]
+        return _Units(given[own("beta")], state[own("bound_estimate")], given[own("adb")])
+    rows = [given[name] for name in manifest.numbered("beta")]
     legend = {"[beta]": ", ".join(rows), "[tau]": ", ".join(actuators)}
     return _Units("[beta]", "[tau]", "[beta]/s/[tau]", legend)
 
@@ -274,7 +288,7 @@ def _print(document: dict[str, Any]) -> None:
         ],
     )
     for name, units in document["units"].items():
-        output.out.print(f"{name}: {units}, each entry in its own unit", markup=False)
+        output.say(f"{name}: {units}, each entry in its own unit")
     output.table(
         "bounds beside a flight of the continuous law",
         ("form", "start", "bound", "dbar", "after s", "largest seen", "largest then"),
@@ -291,9 +305,8 @@ def _print(document: dict[str, Any]) -> None:
     )
     flight = document["flight"]
     stayed = flight["left_region"] or "the flight stayed in the region"
-    output.out.print(
+    output.say(
         f"least bound - V' at {flight['samples']} samples: {flight['least_slack']:.3g} 1/s^3 "
         f"(negative is broken); {stayed}",
-        soft_wrap=True,
     )
-    output.out.print(document["condition"], soft_wrap=True)
+    output.say(document["condition"])

@@ -13,7 +13,7 @@ def list_models(as_json: bool) -> None:
     """Print models, their parameter sets, and the scenarios."""
     from pfaffian.derive.library import library_models
     from pfaffian.runtime.documents import read_toml
-    from pfaffian.runtime.scenario import scenario_paths
+    from pfaffian.runtime.scenario_files import scenario_paths
 
     sets = [
         {"model": name, "set": key, "title": read_toml(path).get("title", "")}
@@ -56,11 +56,11 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
 
     def show() -> None:
         if form == "text":
-            print(derivation_text(derivation_of(folder)), end="")
+            output.write(derivation_text(derivation_of(folder)))
             if design:
                 _print_design(set_name or "", design)
         else:
-            print(documents["derivation.md" if form == "markdown" else "derivation.tex"], end="")
+            output.write(documents["derivation.md" if form == "markdown" else "derivation.tex"])
 
     output.deliver(
         {**derivation, "design": asdict(design) if design else None},
@@ -72,6 +72,7 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
 
 def _print_design(set_name: str, design: object) -> None:
     values = vars(design)
+    unit = f" [{values['singular_unit']}]" if values["singular_unit"] else ""
     poles = ", ".join(f"{p:.4g}" for p in values["zero_dynamics_poles"])
     rows = [(k, output.figure(v)) for k, v in values["gains"].items()]
     rows += [
@@ -79,7 +80,7 @@ def _print_design(set_name: str, design: object) -> None:
         ("stable", values["stable"]),
         ("Routh's column, 1/s^k", ", ".join(map(output.figure, values["routh_column"]))),
         ("ADB at the setpoint", output.figure(values["input_gain"])),
-        ("distance to ADB = 0 [rad]", output.figure(values["singular_distance_rad"])),
+        (f"distance to ADB = 0{unit}", output.figure(values["singular_distance_rad"])),
         ("along", values["singular_coordinate"] or "-"),
         ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
     ]

@@ -45,6 +45,7 @@ def design_gains(reference: str, wishes: Wishes, files: DesignFiles, as_json: bo
     from pfaffian.derive.design.study import study
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import lowered_model
+    from pfaffian.runtime.files import write_outputs
 
     folder = find_model(reference)
     _check_files(files, wishes)
@@ -55,10 +56,12 @@ def design_gains(reference: str, wishes: Wishes, files: DesignFiles, as_json: bo
     found = study(model, raw, wishes)
     compared = _compared(model, folder, files.compare, found)
     failure = found.failure()
+    outputs: dict[Path, bytes] = {}
     if files.written and not failure:
-        _write_set(model, raw, base, found, files.written)
+        outputs[files.written] = _set_text(model, raw, base, found, files.written)
     if files.plot:
-        _write_plot(found, compared, files.plot)
+        outputs[files.plot] = _plot(found, compared)
+    write_outputs(outputs)
     document = {
         **found.as_json(),
         "compare": [{"set": c.name, **asdict(c.design)} for c in compared],
@@ -77,6 +80,8 @@ def design_gains(reference: str, wishes: Wishes, files: DesignFiles, as_json: bo
 
 def _check_files(files: DesignFiles, wishes: Wishes) -> None:
     """Raise `InputError` for files that cannot be meant, before anything is computed."""
+    from pfaffian.runtime.files import check_output
+
     if files.set_name and files.params:
         raise InputError("--set and --params are both given", remedy="give one of them")
     if files.written and not (wishes.poles or wishes.riccati or wishes.delay):
@@ -88,21 +93,8 @@ def _check_files(files: DesignFiles, wishes: Wishes) -> None:
         raise InputError(
             f"-o and --plot are both {files.plot}", remedy="give each a file of its own"
         )
-    for path, option, suffix in ((files.written, "-o", ".toml"), (files.plot, "--plot", ".svg")):
-        if path is None:
-            continue
-        if path.suffix != suffix:
-            raise InputError(f"{option} {path}: is no {suffix} file", remedy=f"name it *{suffix}")
-        if path.is_dir():
-            raise InputError(f"{option} {path}: is a folder", remedy="name a file")
-        if path.exists() and not files.force:
-            raise InputError(
-                f"{option} {path}: exists already", remedy="name another file, or add --force"
-            )
-        if not path.parent.is_dir():
-            raise InputError(
-                f"{option} {path}: there is no folder {path.parent}", remedy="make it first"
-            )
+    check_output(files.written, "-o", ".toml", force=files.force)
+    check_output(files.plot, "--plot", ".svg", force=files.force)
 
 
 def _base(model: LoweredModel, folder: ModelFolder, files: DesignFiles) -> tuple[RawSet, str]:
@@ -142,32 +134,20 @@ def _compared(model: LoweredModel, folder: ModelFolder, names: str, found: Study
     return columns
 
 
-def _write_set(model: LoweredModel, raw: RawSet, base: str, found: Study, path: Path) -> None:
+def _set_text(model: LoweredModel, raw: RawSet, base: str, found: Study, path: Path) -> bytes:
     from pfaffian.derive.design.gain_set import gain_set_toml
 
     title = f"{found.model} {raw.name} with gains {_origin(found)}"
-    text = gain_set_toml(model, raw, base, found.changed(), title, str(path))
-    _write(path, text.encode(), "-o")
+    return gain_set_toml(model, raw, base, found.changed(), title, str(path)).encode()
 
 
-def _write_plot(found: Study, compared: Sequence[Compared], path: Path) -> None:
+def _plot(found: Study, compared: Sequence[Compared]) -> bytes:
     from pfaffian.derive.design.plot import tradeoff_svg
 
     title = f"{found.model}, plant of set {found.parameters.name}"
     marked = [(c.name, c.design) for c in compared if c.same_plant]
     marked = marked or [(f"gains {_origin(found)}", found.design)]
-    _write(path, tradeoff_svg(title, found.curve, marked), "--plot")
-
-
-def _write(path: Path, content: bytes, option: str) -> None:
-    from pfaffian.runtime.files import write_whole
-
-    try:
-        write_whole(path, content)
-    except OSError as error:
-        raise InputError(
-            f"{option} {path}: cannot be written ({error.strerror})", remedy="choose another place"
-        ) from error
+    return tradeoff_svg(title, found.curve, marked)
 
 
 def _origin(found: Study) -> str:
@@ -195,7 +175,7 @@ def _print(found: Study, compared: Sequence[Compared], document: dict[str, Any])
         _print_curve(found)
     for key in ("written", "plot"):
         if document[key]:
-            output.out.print(f"wrote {document[key]}", soft_wrap=True)
+            output.say(f"wrote {document[key]}")
 
 
 def _figures(design: Design) -> list[tuple[str, object]]:

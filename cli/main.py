@@ -2,25 +2,46 @@
 
 from __future__ import annotations
 
-import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
 from pfaffian.cli import output
 from pfaffian.cli.bench_commands import bench_app
-from pfaffian.cli.options import FlightSet, Generated, Json, Model, Params, SetName
-from pfaffian.runtime.errors import InputError, PfaffianError
+from pfaffian.cli.options import MOST_SAMPLES, FlightSet, Generated, Json, Model, Params, SetName
+from pfaffian.runtime.errors import (
+    EXIT_INTERRUPTED,
+    InputError,
+    PfaffianError,
+)
 
 app = typer.Typer(
     name="pfaffian",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # markup would swallow what stands in square brackets
     help="From a Lagrangian and a servo-constraint to verified controller code on a target.",
 )
 app.add_typer(bench_app, name="bench")
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        output.say(f"pfaffian {version('pfaffian')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    shown: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show it and end."),
+    ] = False,
+) -> None:
+    """From a Lagrangian and a servo-constraint to verified controller code on a target."""
 
 
 @app.command()
@@ -176,9 +197,14 @@ def generate(
 @app.command()
 def verify(
     model: Model,
-    samples: Annotated[int, typer.Option(min=1, help="Random inputs of each function.")] = 10_000,
+    samples: Annotated[
+        int, typer.Option(min=1, max=MOST_SAMPLES, help="Random inputs of each function.")
+    ] = 10_000,
     target_samples: Annotated[
-        int | None, typer.Option(min=0, help="How many also run on the target [up to 20000].")
+        int | None,
+        typer.Option(
+            min=0, max=MOST_SAMPLES, help="How many also run on the target [up to 20000]."
+        ),
     ] = None,
     generated: Generated = None,
     json: Json = False,
@@ -264,27 +290,33 @@ def certify(
     initial: Annotated[
         str | None, typer.Option(help="q1=1,dq1=0.5: a start to fly from instead, rad, rad/s.")
     ] = None,
+    generated: Generated = None,
     json: Json = False,
 ) -> None:
     """Put Theorem 1 into numbers over a region, beside a flight of the continuous law."""
     from pfaffian.cli.certificate import certify_design
 
-    certify_design(model, scenario, set_name, params, region, initial, json)
+    certify_design(model, scenario, set_name, params, region, initial, generated, json)
 
 
 @app.command()
 def run(
-    model: Annotated[str, typer.Argument(help="The model.")] = "pendubot",
+    model: Annotated[
+        str, typer.Argument(help="A model of the library, or the folder of your own.")
+    ] = "pendubot",
     folder: Annotated[Path, typer.Option("-o", "--output", help="Where the report goes.")] = Path(
         "report"
     ),
-    samples: Annotated[int, typer.Option(min=1, help="Random inputs to verify on.")] = 20_000,
+    samples: Annotated[
+        int, typer.Option(min=1, max=MOST_SAMPLES, help="Random inputs to verify on.")
+    ] = 20_000,
+    generated: Generated = None,
     json: Json = False,
 ) -> None:
     """Derive, generate, verify, build for PowerPC, fly it in the loop and write the report."""
     from pfaffian.cli.main_job import run_main_job
 
-    run_main_job(model, folder, samples, json)
+    run_main_job(model, folder, samples, generated, json)
 
 
 @app.command()
@@ -319,52 +351,69 @@ def reproduce(
     run_reproduction(what, folder, json)
 
 
-def main() -> None:
-    """Run the command line; a reader of the output that went away is an end, not an error."""
-    try:
-        try:
-            _run()
-        finally:
-            sys.stdout.flush()  # here, where it can be caught: a short output is still buffered
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+def main() -> NoReturn:
+    """Run the command line and end with its exit code.
 
-
-def _run() -> NoReturn:
-    """Run one command; errors of ours become a message and their exit code."""
+    A reader of the output that went away is an end as of any other program, by SIGPIPE.
+    """
     as_json = "--json" in sys.argv
     try:
-        code = app(standalone_mode=not as_json)
+        try:
+            code = _run(as_json)
+            output.finish()
+        except InputError as error:  # of standard output itself
+            code = output.complain(error)
+    except BrokenPipeError:
+        code = output.read_no_further()
+    sys.exit(code)
+
+
+def _run(as_json: bool) -> int:
+    """Run one command and return its exit code; errors of ours become a message."""
+    try:
+        command = typer.main.get_command(app)
+        with command.make_context("pfaffian", sys.argv[1:]) as context:
+            command.invoke(context)
+    except typer.Exit as end:
+        return int(end.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        output.note("interrupted")
+        return EXIT_INTERRUPTED
     except PfaffianError as error:
-        _leave(error, as_json)
+        return output.leave(error, as_json)
+    except BrokenPipeError:
+        raise
     except OSError as error:
-        if error.filename is None:
-            raise
-        what = InputError(f"{error.filename}: {error.strerror}", remedy="check the path")
-        _leave(what, as_json)
+        return output.leave(_of_system(error), as_json)
+    except MemoryError:
+        remedy = "ask for less at once: fewer samples, nodes, links or coordinates"
+        return output.leave(InputError("there is not memory enough", remedy=remedy), as_json)
     except Exception as error:
         usage = getattr(error, "format_message", None)  # of the parser's own errors
         if usage is None:
             raise
-        _leave(InputError(usage(), remedy="see pfaffian COMMAND --help"), as_json)
-    sys.exit(code or 0)
+        return output.leave(_of_usage(error, usage()), as_json)
+    return 0
 
 
-def _leave(error: PfaffianError, as_json: bool) -> NoReturn:
-    """Say what was wrong and end the process with its exit code."""
-    if as_json:
-        output.emit_error(error)
-    output.err.print(f"[bold red]error:[/] {_escaped(error.message)}", soft_wrap=True)
-    if error.remedy:
-        output.err.print(f"  {_escaped(error.remedy)}", soft_wrap=True)
-    sys.exit(error.exit_code)
+def _of_system(error: OSError) -> InputError:
+    """Return what the system refused: a file's name, or a disk that is full or not to be found."""
+    if error.filename is not None:
+        return InputError(f"{error.filename}: {error.strerror}", remedy="check the path")
+    return InputError(
+        error.strerror or str(error),
+        remedy="make room on the disk; the folder of temporary files is in TMPDIR",
+    )
 
 
-def _escaped(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)
+def _of_usage(error: Exception, message: str) -> InputError:
+    """Return an error of the parser's; where nothing was asked, its message is the help."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "pfaffian"
+    if type(error).__name__ == "NoArgsIsHelpError":
+        output.note(message)
+        message = "no command is named"
+    return InputError(message, remedy=f"see {path} --help")
 
 
 if __name__ == "__main__":

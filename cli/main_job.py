@@ -3,97 +3,145 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
 from pfaffian.runtime.errors import InputError
 
+if TYPE_CHECKING:
+    from pfaffian.derive.generation import Generation
+    from pfaffian.derive.library import ModelFolder
+    from pfaffian.runtime.report import ReportData
 
-def run_main_job(reference: str, folder: Path, samples: int, as_json: bool) -> None:
-    """Derive, generate, verify, build, fly and report; leave one page in `folder`."""
-    from pfaffian.cli.check import verification
-    from pfaffian.cli.flights import fly_both
-    from pfaffian.cli.twins import whole_flight
+#: The model whose complete flight is drawn in the report.
+_FILMED = "pendubot"
+
+
+def run_main_job(
+    reference: str, folder: Path, samples: int, generated: Path | None, as_json: bool
+) -> None:
+    """Derive, generate, verify, build, fly and report; leave the code, and one page in `folder`.
+
+    With `generated` the code in that folder is the one that is verified and flown. All files
+    appear at the end, and none where the job is broken off.
+    """
     from pfaffian.derive.library import find_model
-    from pfaffian.runtime.files import write_whole
-    from pfaffian.runtime.firmware import build_controller
-    from pfaffian.runtime.generated_model import open_generated
-    from pfaffian.runtime.report import ReportData, WholeFlight, render_report
-    from pfaffian.runtime.reproduce.animation import animated_flight
-    from pfaffian.runtime.scenario import read_scenario, report_scenarios, report_twin
+    from pfaffian.derive.writer import check_target, write_generation
+    from pfaffian.runtime.files import check_output, check_output_folder, committing, write_outputs
+    from pfaffian.runtime.report import render_report
+    from pfaffian.runtime.scenario_files import report_scenarios, report_twin
 
-    scenarios = report_scenarios(find_model(reference).name)
-    page = _page_path(folder, reference)
-    generated = _regenerate(reference)
-    checked = verification(reference, samples, None, generated)
-    code = open_generated(str(generated))
-    output.note("building the controller for the PowerPC 750")
-    _, built = build_controller(code, "ppc750")
-    flights = [fly_both(read_scenario(name, generated)) for name in scenarios]
-    flights.sort(key=lambda flight: flight[0].scenario.set_name)
-    flights_found = [d for _, d in flights]
-    twin, whole = report_twin(code.manifest.model), None
-    if twin is not None:
-        flown, found = whole_flight(twin, generated)
-        flights_found.append(found)
-        whole = WholeFlight(animated_flight(flown), found)
-    data = ReportData(
-        folder=code,
-        flights=tuple(t for t, _ in flights),
-        verification=checked,
-        build=built,
-        agreement={d["scenario"]: d["differing_bits"] for _, d in flights},
-        whole=whole,
+    source = find_model(reference)
+    page, target = folder / f"{source.name}.html", generated or Path("generated") / source.name
+    check_output_folder(folder, "-o")
+    if folder.is_dir():
+        check_output(page, "-o")
+    if not generated:
+        check_target(target)
+    own = source.scenarios()
+    job = _Job(
+        reference, report_scenarios(source.name, own), report_twin(source.name, own), samples
     )
-    write_whole(page, render_report(data).encode())
+    _check_tools()
+    with tempfile.TemporaryDirectory(prefix="pfaffian-") as scratch:
+        place, generation = target, None
+        if not generated:
+            output.note(f"deriving {source.name} and generating its code")
+            place, generation = Path(scratch) / target, generation_of(source)
+            write_generation(generation, place)
+        data, flights = job.done(place)
+        html = render_report(data).encode()
+    with committing():
+        if generation:
+            write_generation(generation, target)
+        write_outputs({page: html})
     document = {
-        "model": code.manifest.model,
-        "generated": str(generated),
-        "verification": checked,
-        "build": built,
-        "flights": flights_found,
+        "model": data.folder.manifest.model,
+        "generated": str(target),
+        "verification": data.verification,
+        "build": data.build,
+        "flights": flights,
         "report": str(page),
     }
     output.deliver(document, as_json, lambda: _print_summary(document), _failure(document))
 
 
-def _page_path(folder: Path, reference: str) -> Path:
-    """Return the report's path, having made sure that it can be written before the long work."""
-    page = folder / f"{Path(reference).name}.html"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(
-            f"{page}: cannot be written ({error.strerror})", remedy="choose another folder with -o"
-        ) from error
-    return page
+@dataclass(frozen=True)
+class _Job:
+    """What is verified and flown of a model."""
+
+    reference: str
+    scenarios: list[str]
+    twin: str | None
+    samples: int
+
+    def done(self, generated: Path) -> tuple[ReportData, list[dict[str, Any]]]:
+        """Verify, build and fly the code in `generated`; return the report's data and flights."""
+        from pfaffian.cli.check import verification
+        from pfaffian.cli.flights import fly_both
+        from pfaffian.cli.twins import whole_flight
+        from pfaffian.runtime.firmware import build_controller
+        from pfaffian.runtime.generated_model import open_generated
+        from pfaffian.runtime.report import ReportData, WholeFlight
+        from pfaffian.runtime.reproduce.animation import animated_flight
+        from pfaffian.runtime.scenario import read_scenario
+
+        code = open_generated(str(generated))
+        scenarios = [read_scenario(name, generated) for name in self.scenarios]
+        checked = verification(self.reference, self.samples, None, generated)
+        output.note("building the controller for the PowerPC 750")
+        _, built = build_controller(code, "ppc750")
+        flown = [fly_both(scenario) for scenario in scenarios]
+        flown.sort(key=lambda flight: flight[0].scenario.set_name)
+        found, whole = [document for _, document in flown], None
+        if self.twin is not None:
+            twin, document = whole_flight(self.twin, generated)
+            film = animated_flight(twin) if code.manifest.model == _FILMED else b""
+            found, whole = [*found, document], WholeFlight(film, document)
+        return ReportData(
+            folder=code,
+            flights=tuple(trajectory for trajectory, _ in flown),
+            verification=checked,
+            build=built,
+            agreement={d["scenario"]: d["differing_bits"] for _, d in flown},
+            whole=whole,
+        ), found
 
 
-def _regenerate(reference: str) -> Path:
+def _check_tools() -> None:
+    """Raise `MissingToolError` for a compiler or emulator that the job would miss at its end."""
+    from pfaffian.runtime.machine import emulator
+    from pfaffian.runtime.toolchain import host_target, ppc750_target
+
+    host_target()
+    ppc750_target()
+    emulator()
+
+
+def generation_of(source: ModelFolder) -> Generation:
+    """Return the generation of `source` with all its sets, plans and complete controllers."""
     from pfaffian.derive.emit.emitter import Emission
     from pfaffian.derive.generation import generate
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
         library_controls,
         library_sets,
         lowered_model,
         plan_tables,
     )
-    from pfaffian.derive.writer import write_generation
 
-    source = find_model(reference)
-    output.note(f"deriving {source.name} and generating its code")
     model = lowered_model(source)
-    target = Path("generated") / source.name
     sets = library_sets(model, source)
+    if not sets:
+        raise InputError(
+            f"model {source.name} has no parameter set",
+            remedy=f"write one beside {source.spec_file}",
+        )
     plans = plan_tables(model, source, sets, None)
     controls = library_controls(model, source, sets, plans)
-    emission = Emission(model, sets, plans=plans, controls=controls)
-    write_generation(generate(emission), target)
-    return target
+    with source.blamed():
+        return generate(Emission(model, sets, plans=plans, controls=controls))
 
 
 def _print_summary(document: dict[str, Any]) -> None:

@@ -66,13 +66,17 @@ def generate_files(
         plan_tables,
         single_elementary,
     )
-    from pfaffian.derive.writer import drift, write_generation
+    from pfaffian.derive.writer import check_target, drift, write_generation
 
     if set_name and params:
         raise InputError("--set and --params are both given", remedy="give one of them")
     extras.check()
     precision = precision_named(extras.precision)
     source = find_model(reference)
+    suffix = "" if precision is DOUBLE else "_single"
+    target = folder or Path("generated") / f"{source.name}{suffix}"
+    if not check:
+        check_target(target)
     clock = StageClock()
     model = lowered_model(source, clock)
     since = time.perf_counter()
@@ -102,9 +106,6 @@ def generate_files(
             )
         )
     clock.record("emit", since)
-    target = (
-        folder or Path("generated") / f"{source.name}{'' if precision is DOUBLE else '_single'}"
-    )
     if check:
         _report_drift(drift(generation, target), target, source.name, as_json)
         return
@@ -127,22 +128,21 @@ def generate_files(
         )
         return
     split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
-    output.out.print(
+    output.say(
         f"{model.name} ({', '.join(s.name for s in sets)}): {len(generation.files)} files in "
         f"{target}, {len(changed)} changed ({split})",
-        soft_wrap=True,
     )
     counts = [p for p in model.passes if p.program == "step"]
     saved = ", ".join(f"{p.name} {p.after}" for p in counts)
-    output.out.print(f"operations a step: {counts[0].before}; after {saved}", soft_wrap=True)
+    output.say(f"operations a step: {counts[0].before}; after {saved}")
 
 
 def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:
     def show() -> None:
         if difference:
-            print(difference, end="")
+            output.write(difference)
         else:
-            output.out.print(f"{target} is what pfaffian generates now", soft_wrap=True)
+            output.say(f"{target} is what pfaffian generates now")
 
     output.deliver(
         {"drift": bool(difference), "diff": difference},
@@ -162,22 +162,18 @@ def build_image(
     as_json: bool,
 ) -> None:
     """Compile a generated controller and report what it costs."""
+    from pfaffian.runtime.files import check_output_folder, write_outputs
     from pfaffian.runtime.firmware import build_controller
     from pfaffian.runtime.generated_model import open_generated
 
+    check_output_folder(folder, "-o")
     source = open_generated(str(generated or reference))
     output.note(f"building {source.manifest.model} for {target_name}")
     image, report = build_controller(source, target_name, toolchain)
     if folder:
         suffix = "so" if target_name == "host" else "elf"
         path = folder / f"{source.manifest.model}-{report['target']}.{suffix}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(image)
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be written ({error.strerror})", remedy="choose another -o"
-            ) from error
+        write_outputs({path: image})
         report = {**report, "image": str(path)}
     if as_json:
         output.emit_json(report)

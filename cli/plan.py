@@ -38,8 +38,9 @@ def plan_motion(
     """Plan a motion to the setpoint, or check one that is there, fly it and say what it needs."""
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of
-    from pfaffian.derive.plan.document import write_plan
+    from pfaffian.derive.plan.document import plan_text
     from pfaffian.derive.plan.follow import FollowOptions, follow_plan
+    from pfaffian.runtime.files import write_outputs
 
     folder = find_model(reference)
     _check_files(files, wishes)
@@ -56,10 +57,12 @@ def plan_motion(
     seconds = time.perf_counter() - since
     output.note("following it on plants and from starts that are off")
     followed = follow_plan(derivation, found, options)
+    outputs: dict[Path, bytes] = {}
     if files.written:
-        write_plan(found, files.written)
+        outputs[files.written] = plan_text(found).encode()
     if files.plot:
-        _write_plot(derivation.spec.title, found, files.plot)
+        outputs[files.plot] = _plot(derivation.spec.title, found)
+    write_outputs(outputs)
     document = {**_document(found, followed), "seconds": round(seconds, 3)}
     document |= {"written": files.written and str(files.written)}
     document |= {"plot": files.plot and str(files.plot)}
@@ -69,6 +72,7 @@ def plan_motion(
 def _check_files(files: PlanFiles, wishes: Wishes) -> None:
     """Raise `InputError` for files that cannot be meant, before anything is computed."""
     from pfaffian.derive.plan.wishes import Wishes as Defaults
+    from pfaffian.runtime.files import check_output
 
     if files.set_name and files.params:
         raise InputError("--set and --params are both given", remedy="give one of them")
@@ -77,21 +81,12 @@ def _check_files(files: PlanFiles, wishes: Wishes) -> None:
             "--check only checks a plan: options of planning, and -o, do not go with it",
             remedy="leave them out",
         )
-    for path, option, suffix in ((files.written, "-o", ".json"), (files.plot, "--plot", ".svg")):
-        if path is None:
-            continue
-        if path.suffix != suffix:
-            raise InputError(f"{option} {path}: is no {suffix} file", remedy=f"name it *{suffix}")
-        if path.is_dir():
-            raise InputError(f"{option} {path}: is a folder", remedy="name a file")
-        if path.exists() and not files.force:
-            raise InputError(
-                f"{option} {path}: exists already", remedy="name another file, or add --force"
-            )
-        if not path.parent.is_dir():
-            raise InputError(
-                f"{option} {path}: there is no folder {path.parent}", remedy="make it first"
-            )
+    if files.written and files.written == files.plot:
+        raise InputError(
+            f"-o and --plot are both {files.plot}", remedy="give each a file of its own"
+        )
+    check_output(files.written, "-o", ".json", force=files.force)
+    check_output(files.plot, "--plot", ".svg", force=files.force)
 
 
 def _parameters(folder: ModelFolder, files: PlanFiles) -> ParameterSet:
@@ -125,12 +120,10 @@ def _checked(derivation: Derivation, chosen: ParameterSet, path: Path) -> Plan:
     return recheck(derivation, chosen, read_plan(path), str(path))
 
 
-def _write_plot(title: str, found: Plan, path: Path) -> None:
+def _plot(title: str, found: Plan) -> bytes:
     from pfaffian.derive.plan.plot import plan_svg
-    from pfaffian.runtime.files import write_whole
 
-    text = f"{title}, {found.problem.set_name}: planned motion to the setpoint"
-    write_whole(path, plan_svg(found, text))
+    return plan_svg(found, f"{title}, {found.problem.set_name}: planned motion to the setpoint")
 
 
 def _document(found: Plan, followed: Sequence[Following]) -> dict[str, Any]:

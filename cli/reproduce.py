@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.runtime.reproduce.registry import Choice
@@ -34,20 +33,16 @@ class Made:
 def reproduce(reference: str, folder: Path, as_json: bool) -> None:
     """Make what `reference` names, write it into `folder`, and print the verdicts."""
     from pfaffian.runtime.cache import cached
-    from pfaffian.runtime.files import write_whole
+    from pfaffian.runtime.files import check_output_folder, write_outputs
     from pfaffian.runtime.reproduce.registry import choices
 
     chosen = choices(reference)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder}: is no folder", remedy="name a folder")
+    check_output_folder(folder, "-o")
     key = _key(reference)
     made: Made = pickle.loads(
         cached("reproduction", key, lambda: pickle.dumps(_make(reference, chosen)))
     )
-    for name, content in made.files.items():
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
+    write_outputs({folder / name: content for name, content in made.files.items()})
     document = {**made.document, "folder": str(folder), "page": str(folder / PAGE)}
     failures = document["failures"]
     output.deliver(
@@ -172,7 +167,7 @@ def _print(document: dict[str, Any]) -> None:
     if rows:
         output.table("claims", ("section", "figures", "the paper says", "verdict"), rows)
     for text in document["skipped"]:
-        output.out.print(f"left out: {text}", markup=False, soft_wrap=True)
+        output.say(f"left out: {text}")
     count = len(document["figures"])
     word = "figure" if count == 1 else "figures"
-    output.out.print(f"{count} {word}; page: {document['page']}", markup=False, soft_wrap=True)
+    output.say(f"{count} {word}; page: {document['page']}")

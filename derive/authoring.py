@@ -22,6 +22,7 @@ from pfaffian.derive.law_parameters import (
     swing_up_parameters,
 )
 from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.reserved_names import objection
 from pfaffian.derive.residuals import holonomic, second_order
 from pfaffian.derive.spec import (
     Actuator,
@@ -36,6 +37,7 @@ from pfaffian.derive.spec import (
     symbols_of,
 )
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.given_names import given_away
 
 _LARGE = 1e4
 
@@ -70,6 +72,7 @@ class ModelBuilder:
         self, name: str, unit: str, description: str, *, bound: float, rate_bound: float
     ) -> tuple[sp.Symbol, sp.Symbol]:
         """Declare a coordinate with the domain the controller accepts; return (q, q')."""
+        self._check_name(name, f"d{name}", f"dd{name}", f"{name}d", member=True)
         made = Coordinate(name, unit, description, bound, rate_bound)
         self._coordinates.append(made)
         return made.position, made.velocity
@@ -78,6 +81,7 @@ class ModelBuilder:
         self, name: str, unit: str, description: str, *, upper: float = _LARGE, latex: str = ""
     ) -> sp.Symbol:
         """Declare a positive parameter of the plant and return its symbol."""
+        self._check_name(name)
         made = Parameter(name, unit, description, "plant", 0.0, upper, True, latex=latex)
         self._parameters.append(made)
         return symbol_of(made)
@@ -86,6 +90,7 @@ class ModelBuilder:
         self, name: str, unit: str, description: str, *, bound: float = 1e3, latex: str = ""
     ) -> sp.Symbol:
         """Declare a parameter of the uncertain force, zero unless given; return its symbol."""
+        self._check_name(name)
         made = Parameter(
             name, unit, description, "uncertainty", -bound, bound, default=0.0, latex=latex
         )
@@ -107,16 +112,25 @@ class ModelBuilder:
             )
         self._own_friction.append((rate, sp.sympify(force)))
 
+    def setpoint(self, coordinate: sp.Symbol) -> sp.Symbol:
+        """Return the symbol of the setpoint of a declared coordinate, for constraints of one's own.
+
+        The setpoint of `x` is the gain `xd`, in the unit of x and zero unless a set gives it.
+        """
+        return symbol_of(self._setpoint(self._declared(coordinate, "its setpoint")))
+
     def gain(
         self, name: str, unit: str, description: str, *, bound: float = _LARGE, latex: str = ""
     ) -> sp.Symbol:
         """Declare a gain of the servo-constraint, within +-`bound`, and return its symbol."""
+        self._check_name(name)
         made = Parameter(name, unit, description, "synthesised", -bound, bound, latex=latex)
         self._own_gains.append(made)
         return symbol_of(made)
 
     def actuator(self, name: str, unit: str, description: str, on: Mapping[str, sp.Expr]) -> None:
         """Declare an actuator; `on` gives its generalised force on each coordinate by name."""
+        self._check_name(name, member=True)
         self._actuators.append(Actuator(name, unit, description))
         unknown = sorted(set(on) - {c.name for c in self._coordinates})
         if unknown:
@@ -158,6 +172,21 @@ class ModelBuilder:
         residual, drift = second_order(self._expression(name, psi), self._coordinates)
         self._add(_Residual(name, unit_product((unit, 1), ("s", 1)), residual, drift))
 
+    def _check_name(self, *names: str, member: bool = False) -> None:
+        """Refuse a name that is reserved, at the line that declares it.
+
+        The names after the first follow from it. What two things are called is found later.
+        """
+        for k, name in enumerate(names):
+            reason = objection(name, self._name, member=member and k == 0)
+            if reason:
+                follows = "" if k == 0 else f", which follows from {names[0]},"
+                raise InputError(
+                    f"model {self._name}: {name}{follows} {reason}",
+                    remedy="take another name; docs/own-plant.md lists what is reserved",
+                    about=names[0],
+                )
+
     def _check_unit(self, name: str, unit: str) -> None:
         check_unit(unit, f"model {self._name}: the servo-constraint {name}")
 
@@ -182,13 +211,16 @@ class ModelBuilder:
 
     def acceleration(self, coordinate: sp.Symbol) -> sp.Symbol:
         """Return the symbol of q'' of a declared coordinate, for second-order constraints."""
+        return self._declared(coordinate, "its acceleration").acceleration
+
+    def _declared(self, coordinate: sp.Symbol, wanted: str) -> Coordinate:
         found = [c for c in self._coordinates if c.position == coordinate]
         if not found:
             raise InputError(
-                f"model {self._name}: {coordinate} is no coordinate",
-                remedy="declare it before its acceleration is used",
+                f"model {self._name}: {coordinate} is not a coordinate",
+                remedy=f"declare it before {wanted} is used",
             )
-        return found[0].acceleration
+        return found[0]
 
     def build(
         self,
@@ -290,12 +322,16 @@ class ModelBuilder:
         return (*weights, *rates)
 
     def _setpoints(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(f"{c.name}d", c.unit, f"setpoint of {c.name}", "gain", -1e3, 1e3, default=0.0)
-            for c in self._coordinates
-        )
+        return tuple(self._setpoint(c) for c in self._coordinates)
+
+    @staticmethod
+    def _setpoint(c: Coordinate) -> Parameter:
+        text = f"setpoint of {c.name}"
+        return Parameter(f"{c.name}d", c.unit, text, "gain", -1e3, 1e3, default=0.0)
 
     def _constraint(self, p: SimpleNamespace, own: dict[str, sp.Expr]) -> ServoConstraint:
+        motion = {f"{d}{c.name}" for c in self._coordinates for d in ("", "d", "dd")}
+        names = frozenset({*motion, *vars(p), *(a.name for a in self._actuators)})
         unknown = sorted(set(own) - {c.name for c in self._coordinates})
         if unknown:
             raise InputError(
@@ -306,7 +342,7 @@ class ModelBuilder:
             sp.sympify(own.get(c.name, c.position - getattr(p, f"{c.name}d")))
             for c in self._coordinates
         ]
-        residuals = self._residuals or [self._standard_residual(p, errors)]
+        residuals = self._residuals or [self._standard_residual(p, errors, names)]
         symbols = [sp.Symbol(r.name, real=True) for r in residuals]
         drift = [
             p.sigma * s + 2 * p.eta / sp.pi * sp.atan(s) if r.drift is None else r.drift
@@ -321,10 +357,12 @@ class ModelBuilder:
             setpoint=tuple(getattr(p, f"{c.name}d") for c in self._coordinates),
         )
 
-    def _standard_residual(self, p: SimpleNamespace, errors: list[sp.Expr]) -> _Residual:
+    def _standard_residual(
+        self, p: SimpleNamespace, errors: list[sp.Expr], taken: frozenset[str]
+    ) -> _Residual:
         weights = [*(getattr(p, f"weight_{c.name}") for c in self._coordinates[:-1]), sp.S.One]
         value = sum(
             w * (c.velocity + getattr(p, f"rate_{c.name}") * e)
             for w, c, e in zip(weights, self._coordinates, errors, strict=True)
         )
-        return _Residual("s", self._residual_unit(), value)
+        return _Residual(given_away("s", taken), self._residual_unit(), value)

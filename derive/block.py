@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
+from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.program import Signal
+from pfaffian.runtime.given_names import given_away
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,15 @@ class Block:
 
 
 class BlockBuilder:
-    """Collects inputs, definitions and outputs, and hands out a frozen `Block`."""
+    """Collects inputs, definitions and outputs, and hands out a frozen `Block`.
 
-    def __init__(self, name: str, title: str) -> None:
+    With `own` no definition has a name that the specification declares.
+    """
+
+    def __init__(self, name: str, title: str, own: OwnNames | None = None) -> None:
         """Start an empty block."""
         self._name, self._title = name, title
+        self._declared = own.declared if own else frozenset()
         self._inputs: list[tuple[Signal, sp.Symbol]] = []
         self._definitions: list[Definition] = []
         self._outputs: list[tuple[Signal, sp.Symbol]] = []
@@ -62,7 +68,13 @@ class BlockBuilder:
     def define(
         self, name: str, expression: sp.Basic, description: str, unit: str = ""
     ) -> sp.Symbol:
-        """Name an intermediate value and return its symbol; the same value is named once."""
+        """Name an intermediate value and return its symbol; the same value is named once.
+
+        The name gives way to one that is declared; who needs the symbol takes the one returned.
+        """
+        return self._define(given_away(name, self._declared), expression, description, unit)
+
+    def _define(self, name: str, expression: sp.Basic, description: str, unit: str) -> sp.Symbol:
         symbol = sp.Symbol(name, real=True)
         for definition in self._definitions:
             if definition.symbol == symbol:
@@ -76,7 +88,7 @@ class BlockBuilder:
         """Return `base` with the first number that is free, or already holds `expression`."""
         taken = {d.symbol.name: d.expression for d in self._definitions}
         number = 1
-        while taken.get(f"{base}{number}", expression) != expression:
+        while taken.get(given_away(f"{base}{number}", self._declared), expression) != expression:
             number += 1
         return f"{base}{number}"
 
@@ -86,11 +98,17 @@ class BlockBuilder:
         """Let `value` leave as output `name`; an expression is given a definition first."""
         if value not in {d.symbol for d in self._definitions}:
             taken = {d.symbol.name for d in self._definitions} | {s.name for s, _ in self._inputs}
-            value = self.define(f"{name}_next" if name in taken else name, value, description, unit)
+            # A declared name may stay: nothing else in this block is called so.
+            inside = given_away(f"{name}_next", self._declared) if name in taken else name
+            value = self._define(inside, value, description, unit)
         self._outputs.append((Signal(name, unit, description, group), value))
 
     def build(self) -> Block:
         """Return the finished block, without the inputs that nothing depends on."""
+        for what in (self._inputs, self._outputs):
+            names = [signal.name for signal, _ in what]
+            if len(set(names)) < len(names):
+                raise ValueError(f"{self._name}: two signals of one name among {names}")
         used = set().union(*(d.expression.free_symbols for d in self._definitions))
         inputs = [(signal, symbol) for signal, symbol in self._inputs if symbol in used]
         return Block(

@@ -57,7 +57,7 @@ def servo_constraint(spec: ModelSpec) -> Constraint:
             about=about_constraint(name),
         )
     jacobian = residual.jacobian(dq)
-    drift = given.drift.subs(dict(zip(given.residual_symbols, residual, strict=True)))
+    drift = given.drift.xreplace(dict(zip(given.residual_symbols, residual, strict=True)))
     # A may depend on q, so its own derivative belongs to b as well: (ds/dq) q' covers both.
     free_motion = residual.jacobian(q) * dq + residual.diff(TIME)
     constraint = Constraint(

@@ -11,6 +11,13 @@ from pfaffian.derive.dimensions import dimension_of
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
+from sympy.core.function import AppliedUndef
+
+#: What to do instead of an energy that varies with the time.
+_WITH_TIME = (
+    "let servo-constraints or their errors vary with it; what is moved from outside is a "
+    "coordinate with an actuator of its own"
+)
 
 
 def check_constraints(spec: ModelSpec) -> None:
@@ -24,42 +31,44 @@ def check_constraints(spec: ModelSpec) -> None:
                 remedy="rename one of them",
                 about=about_constraint(name),
             )
-    taken = [n for c in spec.coordinates for n in (c.name, f"d{c.name}", f"dd{c.name}")]
-    taken += [TIME.name, *(p.name for p in spec.parameters)]
-    for name in (n for n in names if n in taken):
-        raise InputError(
-            f"model {spec.name}: the servo-constraint {name} has the name of something else",
-            remedy="rename it",
-            about=about_constraint(name),
-        )
     motion = {*spec.positions, *spec.velocities}
     own = {symbol_of(p) for p in spec.parameters}
     faster = {c.acceleration for c in spec.coordinates}  # has a message of its own
     allowed = motion | own | faster | {TIME}
     for name, residual, drift in zip(names, given.residual, given.drift, strict=True):
         what = f"the servo-constraint {name}"
-        _check_symbols(spec, what, residual, allowed, about_constraint(name))
+        check_symbols(spec, what, residual, allowed, about_constraint(name))
         law = allowed | set(given.residual_symbols)
-        _check_symbols(spec, f"the drift of {name}", drift, law, about_constraint(name))
+        check_symbols(spec, f"the drift of {name}", drift, law, about_constraint(name))
     for c, error, point in zip(spec.coordinates, given.errors, given.setpoint, strict=True):
-        _check_symbols(spec, f"the error of {c.name}", error, allowed, "errors")
-        _check_symbols(spec, f"the setpoint of {c.name}", point, own, "setpoint")
+        check_symbols(spec, f"the error of {c.name}", error, allowed, "errors")
+        check_symbols(spec, f"the setpoint of {c.name}", point, own, "setpoint")
     for what, entries in (
         ("friction", spec.uncertain_force),
         ("the input matrix", spec.input_matrix),
     ):
         for entry in entries:
-            _check_symbols(spec, what, entry, motion | own, "uncertain_force input_matrix")
+            check_symbols(spec, what, entry, motion | own, "uncertain_force input_matrix")
     _check_dimensions(spec)
 
 
-def _check_symbols(
+def check_symbols(
     spec: ModelSpec, what: str, value: sp.Expr, allowed: set[sp.Symbol], about: str
 ) -> None:
+    """Raise `InputError` where `value`, which is `what`, is not finite or not in these symbols."""
     if value.has(sp.zoo, sp.nan, sp.oo, -sp.oo):
         raise InputError(
             f"model {spec.name}: {what} is not finite: {value}",
             remedy="look for a division by zero",
+            about=about,
+        )
+    functions = sorted(value.atoms(AppliedUndef), key=str)
+    if functions:
+        name = functions[0].func.__name__
+        raise InputError(
+            f"model {spec.name}: {what} contains {functions[0]}, a function of SymPy's such as "
+            "dynamicsymbols makes",
+            remedy=f"write it in the symbols that coordinate() returns: {name} and d{name}",
             about=about,
         )
     strange = sorted(value.free_symbols - allowed, key=lambda s: str(s.name))
@@ -67,14 +76,20 @@ def _check_symbols(
         return
     first = strange[0]
     known = {s.name for s in allowed}
-    if first == TIME:
+    energy = what.endswith("energy")
+    if first == TIME and energy:
+        reason, remedy = "the time: energies may not vary with it", _WITH_TIME
+    elif first == TIME:
         reason, remedy = "the time", "only servo-constraints and errors may vary with the time"
     elif first.name in known:
-        reason = f"a second symbol {first.name} with other assumptions"
+        reason = f"a second symbol {first.name}, made apart from the one that is declared"
         remedy = "use the symbols that the declarations return"
+    elif first in {c.acceleration for c in spec.coordinates}:
+        reason, remedy = f"the acceleration {first.name}", "write it in coordinates and their rates"
     else:
         reason = f"{first.name}, which is declared nowhere"
-        remedy = "declare it as a parameter or gain with its unit"
+        other = "coordinate" if energy else "gain"
+        remedy = f"declare it as a parameter or {other} with its unit"
     raise InputError(
         f"model {spec.name}: {what} contains {reason}",
         remedy=remedy,

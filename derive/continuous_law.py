@@ -12,8 +12,6 @@ from pfaffian.derive.control_terms import (
     define_shared,
     give_parts,
     norm,
-    numbered,
-    per_actuator,
     real,
     take_measurement,
     take_parameters,
@@ -28,23 +26,25 @@ def continuous_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) 
     The two integrals of (6) enter as the one integral of `drift`, which is their weighted sum.
     """
     law, units, m = spec.law, LawUnits(spec), len(spec.actuators)
-    builder = BlockBuilder("continuous", f"{spec.title}: continuous control law, (15)-(23)")
+    builder = BlockBuilder(
+        "continuous", f"{spec.title}: continuous control law, (15)-(23)", spec.own
+    )
     take_measurement(builder, spec)
     initial = [
         builder.take(real(n), u, "s at engagement", "state")
-        for n, u in zip(numbered("residual_initial", m), units.residuals, strict=True)
+        for n, u in zip(spec.own.numbered("residual_initial"), units.residuals, strict=True)
     ]
     integral = [
         builder.take(real(n), u, "integral of drift since engagement, (6)", "state")
-        for n, u in zip(numbered("drift_integral", m), units.residuals, strict=True)
+        for n, u in zip(spec.own.numbered("drift_integral"), units.residuals, strict=True)
     ]
-    bound = builder.take(real("bound_estimate"), units.force, "ahat, (15)", "state")
+    bound = builder.take(spec.own_symbol("bound_estimate"), units.force, "ahat, (15)", "state")
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
     shared = define_shared(builder, spec, dynamics, constraint)
     beta = tuple(
         builder.define(n, s - s0 + z, "(21)", u)
         for n, s, s0, z, u in zip(
-            numbered("beta", m), shared.s, initial, integral, units.residuals, strict=True
+            spec.own.numbered("beta"), shared.s, initial, integral, units.residuals, strict=True
         )
     )
     nominal = shared.adb.adjugate() * sp.Matrix(shared.demand) / shared.adb_det
@@ -55,7 +55,7 @@ def continuous_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) 
     ) -> tuple[sp.Symbol, ...]:
         return tuple(
             builder.define(n, v, text, u)
-            for n, v, u in zip(per_actuator(base, spec), values, unit, strict=True)
+            for n, v, u in zip(spec.own.of_actuators(base), values, unit, strict=True)
         )
 
     p1 = define("p1", nominal, "(17)", units.forces)
@@ -68,10 +68,12 @@ def continuous_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) 
     for actuator, *parts in zip(spec.actuators, p1, p2, p3, strict=True):
         builder.give(actuator.name, sp.Add(*parts), actuator.unit, "torque, (16)")
     give_parts(builder, spec, shared, beta, (p1, p2, p3))
-    for n, rate, u in zip(numbered("drift_integral", m), shared.drift, units.drifts, strict=True):
-        builder.give(f"{n}_rate", rate, u, "rate of the integral")
+    for n, rate, u in zip(
+        spec.own.numbered("drift_integral"), shared.drift, units.drifts, strict=True
+    ):
+        builder.give(spec.own(f"{n}_rate"), rate, u, "rate of the integral")
     builder.give(
-        "bound_estimate_rate",
+        spec.own(f"{bound.name}_rate"),
         law.adaptation_rate * shared.regressor * norm(scaled) - law.leakage_rate * bound,
         f"{units.force}/s",
         "rate of ahat, (15)",

@@ -150,7 +150,7 @@ def define_shared(
     `least_square` is added to |e|^2 and |e'|^2 in Pi; `error_rates` (n,) are e' where it does not
     follow from e(q, t).
     """
-    units, m = LawUnits(spec), len(spec.actuators)
+    units = LawUnits(spec)
     errors = [
         builder.define(f"e{i + 1}", e, "error, (4)", spec.coordinates[i].unit)
         for i, e in enumerate(spec.constraint.errors)
@@ -165,7 +165,9 @@ def define_shared(
     ad = _define_constraint_rows(builder, spec, solver, constraint.jacobian.xreplace(named))
     adb, adb_det = _define_input_gain(builder, dynamics, ad, units)
     demand = []
-    for r, (b, d) in enumerate(zip(numbered("b", m), numbered("demand", m), strict=True)):
+    for r, (b, d) in enumerate(
+        zip(spec.own.numbered("b"), spec.own.numbered("demand"), strict=True)
+    ):
         right = builder.define(
             b,
             -free_motion[r].xreplace(named) - drift[r],
@@ -208,20 +210,20 @@ def _define_residuals(
     named: dict[sp.Basic, sp.Symbol],
 ) -> tuple[tuple[sp.Symbol, ...], tuple[sp.Symbol, ...]]:
     """Define s and drift(s) = sigma s + (2 eta/pi) arctan s, both (m,)."""
-    units, m = LawUnits(spec), len(spec.actuators)
+    units = LawUnits(spec)
     s = tuple(
         builder.define(name, row.xreplace(named), "(3)", unit)
         for name, row, unit in zip(
-            numbered("s", m), constraint.residual, units.residuals, strict=True
+            spec.own.numbered("s"), constraint.residual, units.residuals, strict=True
         )
     )
     given = dict(zip(spec.constraint.residual_symbols, s, strict=True))
     drift = tuple(
         builder.define(
-            name, row.subs(given).xreplace(named), "sigma s + (2 eta/pi) arctan s, (2)", unit
+            name, row.xreplace(given).xreplace(named), "sigma s + (2 eta/pi) arctan s, (2)", unit
         )
         for name, row, unit in zip(
-            numbered("drift", m), spec.constraint.drift, units.drifts, strict=True
+            spec.own.numbered("drift"), spec.constraint.drift, units.drifts, strict=True
         )
     )
     return s, drift
@@ -291,14 +293,7 @@ def give_parts(
         builder.give(symbol.name, symbol, unit, "constraint-following error, (21)")
     single = len(units.forces) == 1
     what = "input gain of the constraint, (10)" if single else "determinant of ADB, (10)"
-    builder.give("adb", shared.adb_det, units.adb if single else units.adb_det, what)
-
-
-def per_actuator(base: str, spec: ModelSpec) -> tuple[str, ...]:
-    """Return `base` alone for one actuator, `base_thrust`, `base_moment`, ... for more."""
-    if len(spec.actuators) == 1:
-        return (base,)
-    return tuple(f"{base}_{a.name}" for a in spec.actuators)
+    builder.give(shared.adb_det.name, shared.adb_det, units.adb if single else units.adb_det, what)
 
 
 def norm(vector: tuple[sp.Symbol, ...]) -> sp.Expr:

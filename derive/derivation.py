@@ -76,8 +76,8 @@ def derive(spec: ModelSpec) -> Derivation:
         spec=spec,
         dynamics=dynamics,
         constraint=constraint,
-        input_gain=_input_gain_expression(dynamics, constraint),
-        decomposition=_decompose(dynamics, constraint),
+        input_gain=_input_gain_expression(spec, dynamics, constraint),
+        decomposition=_decompose(spec, dynamics, constraint),
         zero_dynamics=zeros,
         hurwitz=hurwitz,
         identities=(
@@ -133,7 +133,9 @@ def writes_rows_out(dynamics: Dynamics) -> bool:
     return dynamics.mass_matrix.rows <= SMALL or bool(dynamics.mass_matrix.is_diagonal())
 
 
-def _constraint_rows(dynamics: Dynamics, constraint: Constraint) -> tuple[sp.Matrix, sp.Expr]:
+def _constraint_rows(
+    spec: ModelSpec, dynamics: Dynamics, constraint: Constraint
+) -> tuple[sp.Matrix, sp.Expr]:
     """Return (R, d) with A D = R/d: written out for a small M, else in the names ad11, ...
 
     Written out, the adjugate of a larger mass matrix fills pages that nobody reads.
@@ -143,19 +145,19 @@ def _constraint_rows(dynamics: Dynamics, constraint: Constraint) -> tuple[sp.Mat
         return constraint.jacobian * adjugate, sp.expand(dynamics.mass_matrix.det())
     m, n = constraint.jacobian.shape
     names = [f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}" for r in range(m) for i in range(n)]
-    return sp.Matrix(m, n, [sp.Symbol(name, real=True) for name in names]), sp.S.One
+    return sp.Matrix(m, n, [spec.own_symbol(name) for name in names]), sp.S.One
 
 
-def _input_gain_expression(dynamics: Dynamics, constraint: Constraint) -> sp.Expr:
-    rows, det = _constraint_rows(dynamics, constraint)
+def _input_gain_expression(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> sp.Expr:
+    rows, det = _constraint_rows(spec, dynamics, constraint)
     scaled = rows * dynamics.input_matrix
     return sp.factor(trigonometric_sum(scaled.det())) / det**scaled.rows
 
 
-def _decompose(dynamics: Dynamics, constraint: Constraint) -> Decomposition:
+def _decompose(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> Decomposition:
     n = dynamics.mass_matrix.rows
-    force = Matrix(sp.symbols(f"f1:{n + 1}", real=True))
-    rows, _ = _constraint_rows(dynamics, constraint)
+    force = Matrix([spec.own_symbol(f"f{i + 1}") for i in range(n)])
+    rows, _ = _constraint_rows(spec, dynamics, constraint)
     gain = rows * dynamics.input_matrix
     matched = (gain.adjugate() * rows * force / gain.det()).applyfunc(sp.factor)
     mismatched = (force - dynamics.input_matrix * matched).applyfunc(sp.factor)
@@ -164,7 +166,7 @@ def _decompose(dynamics: Dynamics, constraint: Constraint) -> Decomposition:
 
 def _acceleration(spec: ModelSpec, dynamics: Dynamics) -> Block:
     """q'' = M^-1 (B tau - C q' - G - F): the plant that is simulated."""
-    builder = BlockBuilder("acceleration", f"{spec.title}: forward dynamics, (1)")
+    builder = BlockBuilder("acceleration", f"{spec.title}: forward dynamics, (1)", spec.own)
     take_measurement(builder, spec)
     torques = sp.Matrix(
         [
@@ -184,12 +186,12 @@ def _acceleration(spec: ModelSpec, dynamics: Dynamics) -> Block:
     units = [f"{c.unit}/s^2" for c in spec.coordinates]
     solved = solver.define_solution(sp.Matrix(forces), "solved", "acceleration", units)
     for c, unit, value in zip(spec.coordinates, units, solved, strict=True):
-        builder.give(f"dd{c.name}", value, unit, f"acceleration of {c.name}")
+        builder.give(c.acceleration.name, value, unit, f"acceleration of {c.name}")
     return builder.build()
 
 
 def _energy(spec: ModelSpec, dynamics: Dynamics) -> Block:
-    builder = BlockBuilder("energy", f"{spec.title}: total energy")
+    builder = BlockBuilder("energy", f"{spec.title}: total energy", spec.own)
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
     mass, _, _ = define_dynamics(builder, spec, dynamics)
@@ -202,7 +204,7 @@ def _energy(spec: ModelSpec, dynamics: Dynamics) -> Block:
 
 
 def _input_gain(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> Block:
-    builder = BlockBuilder("input_gain", f"{spec.title}: ADB, (10)")
+    builder = BlockBuilder("input_gain", f"{spec.title}: ADB, (10)", spec.own)
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant", "synthesised")
     _, solver, _ = define_dynamics(builder, spec, dynamics)
@@ -240,7 +242,7 @@ def _design_blocks(
 def _lumping(spec: ModelSpec) -> Block | None:
     if not spec.lumping:
         return None
-    builder = BlockBuilder("lumping", f"{spec.title}: lumped parameters")
+    builder = BlockBuilder("lumping", f"{spec.title}: lumped parameters", spec.own)
     take_parameters(builder, spec, "physical")
     declared = {symbol_of(p): p for p in spec.parameters}
     for symbol, combination in spec.lumping:
@@ -250,7 +252,7 @@ def _lumping(spec: ModelSpec) -> Block | None:
 
 
 def _setpoint(spec: ModelSpec) -> Block:
-    builder = BlockBuilder("setpoint", f"{spec.title}: setpoint")
+    builder = BlockBuilder("setpoint", f"{spec.title}: setpoint", spec.own)
     take_parameters(builder, spec, "lumped", "plant", "gain")
     for c, value in zip(spec.coordinates, spec.constraint.setpoint, strict=True):
         builder.give(c.name, value, c.unit, f"setpoint of {c.name}")
@@ -259,7 +261,7 @@ def _setpoint(spec: ModelSpec) -> Block:
 
 def _minors(spec: ModelSpec, dynamics: Dynamics) -> Block:
     """Give the leading minors of M, or its pivots: all positive where M is positive definite."""
-    builder = BlockBuilder("mass_minors", f"{spec.title}: minors or pivots of M")
+    builder = BlockBuilder("mass_minors", f"{spec.title}: minors or pivots of M", spec.own)
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
     n = len(spec.coordinates)
@@ -270,13 +272,15 @@ def _minors(spec: ModelSpec, dynamics: Dynamics) -> Block:
     named = define_trigonometry(builder, list(dynamics.mass_matrix))
     define_factors(builder, dynamics.mass_matrix.xreplace(named))
     for k in range(1, n + 1):
-        builder.give(f"pivot{k}", sp.Symbol(f"pivot{k}", real=True), "", f"pivot of row {k}")
+        builder.give(f"pivot{k}", spec.own_symbol(f"pivot{k}"), "", f"pivot of row {k}")
     return builder.build()
 
 
 def _rest_force(spec: ModelSpec, dynamics: Dynamics) -> Block:
     """Gravity at the setpoint that no actuator reaches: zero where the setpoint can be held."""
-    builder = BlockBuilder("rest_force", f"{spec.title}: unactuated gravity at the setpoint")
+    builder = BlockBuilder(
+        "rest_force", f"{spec.title}: unactuated gravity at the setpoint", spec.own
+    )
     take_parameters(builder, spec, "lumped", "plant", "gain")
     at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
     b = dynamics.input_matrix
@@ -294,7 +298,9 @@ def _rest_constraint(spec: ModelSpec, constraint: Constraint) -> Block | None:
     There is none where they are zero in any case, as with a residual written in the errors, or
     vary with the time.
     """
-    builder = BlockBuilder("rest_constraint", f"{spec.title}: servo-constraint at the setpoint")
+    builder = BlockBuilder(
+        "rest_constraint", f"{spec.title}: servo-constraint at the setpoint", spec.own
+    )
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
     at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
     at_rest |= dict.fromkeys(spec.velocities, sp.S.Zero)
@@ -313,7 +319,9 @@ def _rest_constraint(spec: ModelSpec, constraint: Constraint) -> Block | None:
 
 
 def _polynomial(spec: ModelSpec, zeros: ZeroDynamics) -> Block:
-    builder = BlockBuilder("zero_polynomial", f"{spec.title}: zero dynamics at the setpoint")
+    builder = BlockBuilder(
+        "zero_polynomial", f"{spec.title}: zero dynamics at the setpoint", spec.own
+    )
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "uncertainty")
     for symbol, entry in zeros.entries:
         builder.define(symbol.name, entry, "entry of the linearisation")
@@ -326,7 +334,9 @@ def _polynomial(spec: ModelSpec, zeros: ZeroDynamics) -> Block:
 def _synthesis(spec: ModelSpec, zeros: ZeroDynamics) -> Block | None:
     if not zeros.gains:
         return None
-    builder = BlockBuilder("gain_synthesis", f"{spec.title}: gains from zero-dynamics poles")
+    builder = BlockBuilder(
+        "gain_synthesis", f"{spec.title}: gains from zero-dynamics poles", spec.own
+    )
     for k, symbol in enumerate(zeros.wanted):
         builder.take(symbol, f"1/s^{k + 1}", "coefficient of the wanted polynomial", "input")
     take_parameters(builder, spec, "lumped", "plant", "gain")
@@ -340,7 +350,7 @@ def _synthesis(spec: ModelSpec, zeros: ZeroDynamics) -> Block | None:
 def _conditions(spec: ModelSpec) -> Block | None:
     if not spec.stability:
         return None
-    builder = BlockBuilder("stability", f"{spec.title}: closed-form stability conditions")
+    builder = BlockBuilder("stability", f"{spec.title}: closed-form stability conditions", spec.own)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
     for k, condition in enumerate(spec.stability):
         builder.give(f"margin{k + 1}", condition.margin, "", condition.text)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.constraint import Constraint
-from pfaffian.derive.control_terms import LawUnits, Shared, define_shared, real
+from pfaffian.derive.control_terms import LawUnits, Shared, define_shared
 from pfaffian.derive.dimensions import unit_product
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.sampled_law import LEAST_SQUARE, complete_law
@@ -29,7 +29,9 @@ def following_law(spec: ModelSpec, dynamics: Dynamics) -> Block | None:
     own = {*spec.positions, *spec.velocities, TIME}
     if any(d.free_symbols & own for d in spec.constraint.drift):
         return None
-    builder = BlockBuilder("follow", f"{spec.title}: sampled control law along a reference")
+    builder = BlockBuilder(
+        "follow", f"{spec.title}: sampled control law along a reference", spec.own
+    )
     positions, rates, accelerations = _take_motion(builder, spec)
     r0, r1, r0_rate, r1_rate = _take_rows(builder, spec)
 
@@ -48,7 +50,7 @@ def following_law(spec: ModelSpec, dynamics: Dynamics) -> Block | None:
         residual = r1 * de + r0 * e
         free = r1_rate * de + r0_rate * e + r0 * de - r1 * motion
         given = dict(zip(spec.constraint.residual_symbols, residual, strict=True))
-        drift = spec.constraint.drift.subs(given)
+        drift = spec.constraint.drift.xreplace(given)
         constraint = Constraint(
             jacobian=r1,
             acceleration=Matrix(-free - sp.Matrix(drift)),
@@ -73,7 +75,10 @@ def _take_motion(builder: BlockBuilder, spec: ModelSpec) -> tuple[_Symbols, _Sym
         found.append(
             tuple(
                 builder.take(
-                    real(f"{prefix}{c.name}_ref"), f"{c.unit}{per}", f"{text} {c.name}", GROUP
+                    spec.own_symbol(f"{prefix}{c.name}_ref"),
+                    f"{c.unit}{per}",
+                    f"{text} {c.name}",
+                    GROUP,
                 )
                 for c in spec.coordinates
             )
@@ -89,7 +94,7 @@ def _take_rows(builder: BlockBuilder, spec: ModelSpec) -> tuple[sp.Matrix, ...]:
         for prefix, seconds in (("", 0), ("d", 1)):
             entries = [
                 builder.take(
-                    real(f"row{r + 1 if m > 1 else ''}_{prefix}{c.name}{ending}"),
+                    spec.own_symbol(f"row{r + 1 if m > 1 else ''}_{prefix}{c.name}{ending}"),
                     unit_product((units[r], 1), (c.unit, -1), ("s", seconds + power)),
                     f"{'rate of the ' if power else ''}weight of the error of {prefix}{c.name} in "
                     f"the constraint",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pfaffian.derive.emit.batch import emit_batch
@@ -15,7 +16,7 @@ from pfaffian.derive.emit.jacobian import emit_jacobian
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
-from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest
+from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest, Structure
 
 EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python, emit_control)
 
@@ -46,9 +47,19 @@ def generate(emission: Emission) -> Generation:
     return Generation(emission.model.name, tuple(sorted(files.items())))
 
 
+def _given_way(emission: Emission, structures: Mapping[str, Structure]) -> dict[str, str]:
+    """Return the members and flags of the laws that gave way, by the names they usually have."""
+    ours = {n for s in structures.values() for n in s.names()}
+    ours |= {s.name for p in emission.model.programs for s in p.outputs if s.group == "flag"}
+    return emission.model.own.given_way(ours)
+
+
 def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
     model, real = emission.model, emission.precision.real
     controls = emission.controls if emission.precision is DOUBLE else ()
+    structures = structures_of(
+        model, real, emission.step, emission.prepare, follow=bool(emission.plans)
+    )
     domain = {c.name: c.bound for c in model.coordinates}
     domain |= {f"d{c.name}": c.rate_bound for c in model.coordinates}
     return Manifest(
@@ -63,9 +74,7 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         actuators=tuple(a.name for a in model.actuators),
         limits=model.limits,
         status=STATUS,
-        structures=structures_of(
-            model, real, emission.step, emission.prepare, follow=bool(emission.plans)
-        ),
+        structures=structures,
         parameters=tuple(Field(p.name, real, p.unit, p.description) for p in model.parameters),
         parameter_sets={s.name: s.as_dict() for s in emission.sets},
         set_titles={s.name: s.title for s in emission.sets},
@@ -78,4 +87,5 @@ def _manifest(emission: Emission, digests: dict[str, str]) -> Manifest:
         control_structures=control_structures(model) if controls else {},
         control_sets={c.name: control_constants(emission, c) for c in controls},
         plans=tuple(p.name for p in emission.plans),
+        own_names=_given_way(emission, structures),
     )

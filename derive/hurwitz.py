@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.control_terms import take_parameters
+from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.routh import DAMPED, FRICTIONLESS
 from pfaffian.derive.spec import ModelSpec, symbol_of
 from pfaffian.derive.zero_dynamics import ZeroDynamics
@@ -123,8 +124,8 @@ def hurwitz_conditions(spec: ModelSpec, zeros: ZeroDynamics) -> HurwitzCondition
     conditions = named_conditions if zeros.entries else closed_conditions
     return HurwitzConditions(
         degree,
-        conditions(still),
-        conditions(zeros.in_slopes) if enters else (),
+        conditions(still, spec.own),
+        conditions(zeros.in_slopes, spec.own) if enters else (),
     )
 
 
@@ -134,12 +135,15 @@ def without_friction(spec: ModelSpec, zeros: ZeroDynamics) -> tuple[sp.Expr, ...
     return tuple(c.subs(zero) for c in zeros.coefficients)
 
 
-def coefficient_symbols(degree: int) -> tuple[sp.Symbol, ...]:
-    """Return the symbols a_n ... a_0."""
-    return tuple(sp.Symbol(f"a{k}", real=True) for k in reversed(range(degree + 1)))
+def coefficient_symbols(degree: int, own: OwnNames | None = None) -> tuple[sp.Symbol, ...]:
+    """Return the symbols a_n ... a_0; their names give way as `own` has it."""
+    names = (f"a{k}" for k in reversed(range(degree + 1)))
+    return tuple(sp.Symbol(own(n) if own else n, real=True) for n in names)
 
 
-def closed_conditions(coefficients: Sequence[sp.Expr]) -> tuple[HurwitzCondition, ...]:
+def closed_conditions(
+    coefficients: Sequence[sp.Expr], own: OwnNames | None = None
+) -> tuple[HurwitzCondition, ...]:
     """Return the conditions on a polynomial of degree 0 to 4, highest power first.
 
     Those that always hold, because only positive factors are left, are dropped.
@@ -147,7 +151,7 @@ def closed_conditions(coefficients: Sequence[sp.Expr]) -> tuple[HurwitzCondition
     values = [sp.factor(c) for c in coefficients]
     while values and values[0] == 0:
         values = values[1:]
-    names = coefficient_symbols(len(values) - 1)
+    names = coefficient_symbols(len(values) - 1, own)
     factors = [_factors(v) for v in values]
     found = [_same_sign(k, names, factors) for k in range(1, len(values))]
     if len(values) in (4, 5):
@@ -159,12 +163,14 @@ def closed_conditions(coefficients: Sequence[sp.Expr]) -> tuple[HurwitzCondition
     return tuple(kept.values())
 
 
-def named_conditions(coefficients: Sequence[sp.Expr]) -> tuple[HurwitzCondition, ...]:
+def named_conditions(
+    coefficients: Sequence[sp.Expr], own: OwnNames | None = None
+) -> tuple[HurwitzCondition, ...]:
     """Return the conditions in the names of the coefficients, where these are too long to read."""
     values = list(coefficients)
     while values and values[0] == 0:
         values = values[1:]
-    names = coefficient_symbols(len(values) - 1)
+    names = coefficient_symbols(len(values) - 1, own)
     margins = [name / names[0] for name in names[1:]]
     if len(values) in (4, 5):
         whole = sp.Add(*_determinant_terms(names))
@@ -307,12 +313,14 @@ def _block(
 ) -> Block | None:
     if not conditions:
         return None
-    builder = BlockBuilder(name, f"{spec.title}: derived Hurwitz conditions")
+    builder = BlockBuilder(name, f"{spec.title}: derived Hurwitz conditions", spec.own)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "uncertainty")
     for symbol, entry in zeros.entries:
         builder.define(symbol.name, entry, "entry of the linearisation")
     slopes = dict(zeros.slopes)
-    known = dict(zip(coefficient_symbols(len(coefficients) - 1), coefficients, strict=True))
+    known = dict(
+        zip(coefficient_symbols(len(coefficients) - 1, spec.own), coefficients, strict=True)
+    )
     for k, condition in enumerate(c.brief for c in conditions):
         margin = condition.margin.xreplace(known if condition.named else slopes)
         builder.give(f"margin{k + 1}", margin, "", condition.text)

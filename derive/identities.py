@@ -33,7 +33,7 @@ def prove_identities(
     skew = mass_rate - 2 * coriolis
     kinetic = (dq.T * mass * dq)[0] / 2 - dynamics.kinetic_energy
     # d/dt(T + V) along M q'' = B tau - C q' - G must be the power of the actuators.
-    tau = sp.Matrix(sp.symbols(f"tau1:{len(spec.actuators) + 1}", real=True))
+    tau = sp.Matrix(sp.symbols(f"tau1:{len(spec.actuators) + 1}", real=True, cls=sp.Dummy))
     forces = dynamics.input_matrix * tau - coriolis * dq - gravity
     power = (
         (dq.T * forces)[0]
@@ -43,14 +43,14 @@ def prove_identities(
     )
     ad = _constraint_rows(mass, constraint)
     adb = ad * dynamics.input_matrix
-    force = sp.Matrix(sp.symbols(f"f1:{len(q) + 1}", real=True))
+    force = sp.Matrix(sp.symbols(f"f1:{len(q) + 1}", real=True, cls=sp.Dummy))
     # Not adb.inv(): its search for a pivot that is not zero costs more than all the proofs.
     inverse = adb.adjugate() / adb.det()
     matched = inverse * ad * force
     mismatched = force - dynamics.input_matrix * matched
     # What is multiplied by AD here is any vector: as symbols the proof is shorter, and as good.
-    bias = sp.Matrix(sp.symbols(f"h1:{len(q) + 1}", real=True))
-    right = sp.Matrix(sp.symbols(f"b1:{len(tau) + 1}", real=True))
+    bias = sp.Matrix(sp.symbols(f"h1:{len(q) + 1}", real=True, cls=sp.Dummy))
+    right = sp.Matrix(sp.symbols(f"b1:{len(tau) + 1}", real=True, cls=sp.Dummy))
     nominal = inverse * (right + ad * bias)
     followed = ad * (dynamics.input_matrix * nominal - bias) - right
     return (
@@ -88,5 +88,5 @@ def _constraint_rows(mass: sp.Matrix, constraint: Constraint) -> sp.Matrix:
     """
     m, n = constraint.jacobian.shape
     if n > SMALL:
-        return sp.Matrix(m, n, sp.symbols(f"x1:{m * n + 1}", real=True))
+        return sp.Matrix(m, n, sp.symbols(f"x1:{m * n + 1}", real=True, cls=sp.Dummy))
     return constraint.jacobian * mass.adjugate() / mass.det()

@@ -22,6 +22,7 @@ from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.lowering import ToCasadi, program_of_graph
 from pfaffian.derive.optimise.passes import optimised
 from pfaffian.derive.optimise.tape import Tape, rewritten
+from pfaffian.derive.own_names import derivative_name
 from pfaffian.derive.program import (
     LOGICAL,
     PLANT_PARAMETER,
@@ -80,11 +81,6 @@ def jacobian_programs_of(derivation: Derivation) -> tuple[Program, ...]:
     """Return the programs of all derivatives of `derivation`, optimised."""
     programs = (_plant(derivation), _step(derivation), _closed_loop(derivation))
     return tuple(optimised(p) for p in programs)
-
-
-def derivative_name(of: str, by: str) -> str:
-    """Return the name of d(of)/d(by) in the generated code."""
-    return f"{of}_by_{by}"
 
 
 def _symbols(signals: Sequence[Signal]) -> dict[str, Any]:
@@ -162,14 +158,17 @@ def _closed_loop(derivation: Derivation) -> Program:
         elif signal.name not in torques:
             signals[signal] = inputs[signal.name] = inside[signal.name] = ca.SX.sym(signal.name)
     motion = _graph(plant, inside, PLANT_PREFIX)
-    states = {s.name: s for s in law.inputs if f"{s.name}_rate" in control.outputs}
+    rates = {s.name: derivation.spec.own(f"{s.name}_rate") for s in law.inputs}
+    states = {
+        s.name: s for s in law.inputs if s.group == "state" and rates[s.name] in control.outputs
+    }
     own_states = [_Variable(n, s.unit, inputs[n]) for n, s in states.items()]
     return _program(
         "closed_loop_jacobian",
         f"{derivation.spec.title}: derivatives of the plant under the continuous law",
         signals,
         (*control.definitions, *motion.definitions),
-        [*motion.outputs.values(), *(control.outputs[f"{n}_rate"] for n in states)],
+        [*motion.outputs.values(), *(control.outputs[rates[n]] for n in states)],
         [*_motion(derivation, inputs), *own_states],
     )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfaffian.runtime.documents import shown, suggestion
 from pfaffian.runtime.errors import InputError, PfaffianError
+from pfaffian.runtime.scenario_files import is_scenario
 
 if TYPE_CHECKING:
     from pfaffian.derive.spec import ModelSpec
@@ -33,7 +34,12 @@ class ModelFolder:
 
     def sets(self) -> dict[str, Path]:
         """Return the parameter sets by name, sorted."""
-        return {p.stem: p for p in sorted(self.path.glob("*.toml"))}
+        return {p.stem: p for p in sorted(self.path.glob("*.toml")) if not is_scenario(p)}
+
+    def scenarios(self) -> dict[str, Path]:
+        """Return the scenarios in this folder and in `scenarios` below it by name, sorted."""
+        beside = [p for p in sorted(self.path.glob("*.toml")) if is_scenario(p)]
+        return {p.stem: p for p in (*beside, *sorted(self.path.glob("scenarios/*.toml")))}
 
     def set_path(self, name: str) -> Path:
         """Return the file of the set called `name`; raise `InputError` if there is none."""

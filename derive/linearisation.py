@@ -54,7 +54,9 @@ def linearisation_blocks(
 ) -> tuple[Block, ...]:
     """Return the blocks `linearisation` and, where a row determines the gains, `row_gains`."""
     linear = linearise(spec, dynamics, constraint)
-    builder = BlockBuilder("linearisation", f"{spec.title}: linearised at the setpoint, at rest")
+    builder = BlockBuilder(
+        "linearisation", f"{spec.title}: linearised at the setpoint, at rest", spec.own
+    )
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "uncertainty")
     for letter, matrix, text in (
         ("mass", linear.mass, "M"),
@@ -82,14 +84,18 @@ def _row_gains(spec: ModelSpec, linear: Linearisation) -> Block | None:
     n = len(spec.coordinates)
     if len(spec.actuators) != 1 or not gains:
         return None
-    wanted = sp.symbols(f"row_position_1:{n + 1} row_rate_1:{n + 1}", real=True)
-    scale = sp.Symbol("row_scale", real=True)
+    wanted = [
+        spec.own_symbol(f"{base}_{i + 1}")
+        for base in ("row_position", "row_rate")
+        for i in range(n)
+    ]
+    scale = spec.own_symbol("row_scale")
     own = [*linear.position_row, *linear.rate_row]
     equations = [have - scale * want for have, want in zip(own, wanted, strict=True)]
     solutions = sp.solve(equations, [*gains, scale], dict=True)
     if len(solutions) != 1 or any(g not in solutions[0] for g in gains):
         return None
-    builder = BlockBuilder("row_gains", f"{spec.title}: gains from a row of the residual")
+    builder = BlockBuilder("row_gains", f"{spec.title}: gains from a row of the residual", spec.own)
     for symbol in wanted:
         builder.take(symbol, "", "entry of the wanted row, up to a common scale", "input")
     take_parameters(builder, spec, "lumped", "plant", "gain")

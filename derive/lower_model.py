@@ -18,7 +18,7 @@ from pfaffian.derive.render import derivation_json, derivation_latex, derivation
 def lower_model(derivation: Derivation, tools: tuple[tuple[str, str], ...]) -> LoweredModel:
     """Lower every block of `derivation` and write its readable documents."""
     spec = derivation.spec
-    programs, passes = optimise([lower(block) for block in derivation.blocks])
+    programs, passes = optimise([lower(block) for block in derivation.blocks], spec.own.declared)
     content = json.dumps([program_to_json(p) for p in programs], sort_keys=True)
     return LoweredModel(
         name=spec.name,

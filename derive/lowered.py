@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pfaffian.derive.own_names import OwnNames, own_names
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.program import Program, program_from_json, program_to_json
 
@@ -66,6 +67,11 @@ class LoweredModel:
     elementary: Mapping[str, Any]
     sha256: str
     plant_sha256: str
+
+    @property
+    def own(self) -> OwnNames:
+        """Return the names of what the laws compute, as the programs have them."""
+        return own_names(self)
 
     def program(self, name: str) -> Program:
         """Return the program called `name`; raise `KeyError` if the model has none."""

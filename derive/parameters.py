@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pfaffian.runtime.documents import read_toml, shown, suggestion
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.errors import InputError, refuse_all
 from pfaffian.runtime.quantity import parse_quantity
 
 #: TOML table of each parameter group.
@@ -51,6 +51,15 @@ class Parameter:
     lower_open: bool = False
     default: float | None = None
     latex: str = ""
+
+    @property
+    def drops_angles(self) -> bool:
+        """Return whether the unit was computed, radians dropped, and not written by hand.
+
+        By hand are written those of the plant, and of set-points, which have a default.
+        """
+        computed = ("gain", "synthesised", "target")
+        return self.group == "swing_up" or (self.group in computed and self.default is None)
 
     def check(self, value: float, where: str) -> float:
         """Return `value` if it lies within the bounds; raise `InputError` naming `where`."""
@@ -217,15 +226,20 @@ def _own_values(
     document: Mapping[str, object], declared: tuple[Parameter, ...], path: Path
 ) -> tuple[dict[str, float], tuple[complex, ...]]:
     values: dict[str, float] = {}
+    wrong: list[InputError] = []
     for parameter in declared:
         if parameter.group not in TABLES:
             continue
         table = TABLES[parameter.group]
         raw = _table(document, table, path).get(parameter.name)
-        if raw is not None:
-            where = f"{path}: {table}.{parameter.name}"
-            values[parameter.name] = parameter.check(
-                parse_quantity(raw, parameter.unit, where), where
-            )
+        if raw is None:
+            continue
+        where = f"{path}: {table}.{parameter.name}"
+        try:
+            value = parse_quantity(raw, parameter.unit, where, drops_angles=parameter.drops_angles)
+            values[parameter.name] = parameter.check(value, where)
+        except InputError as error:
+            wrong.append(error)
+    refuse_all(wrong)
     poles = _table(document, "gains", path).get(POLES_KEY)
     return values, parse_poles(poles, f"{path}: gains.{POLES_KEY}") if poles is not None else ()

@@ -26,65 +26,18 @@ from pfaffian.derive.parameters import read_set
 from pfaffian.derive.program import Program, program_from_json, program_to_json
 from pfaffian.runtime.cache import cached, digest
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.import_closure import code_of
 
 if TYPE_CHECKING:
     from pfaffian.derive.derivation import Derivation
 
-_HERE = Path(__file__).parent
-#: Modules whose text a derivation depends on; lowering depends on these and its own.
-_DERIVATION_CODE = (
-    "authoring",
-    "block",
-    "constraint",
-    "constraint_check",
-    "continuous_law",
-    "control_terms",
-    "sampled_law",
-    "derivation",
-    "dimensions",
-    "following_law",
-    "functions",
-    "hurwitz",
-    "identities",
-    "lagrange",
-    "law_parameters",
-    "linear_solve",
-    "linearisation",
-    "normal_form",
-    "parameters",
-    "program",
-    "residuals",
-    "routh",
-    "spec",
-    "spec_check",
-    "swing_up",
-    "swing_up_limit",
-    "zero_dynamics",
-)
-_LOWERING_CODE = (
-    "elementary",
-    "elementary_fit",
-    "elementary_tables",
-    "lower_model",
-    "lowered",
-    "lowering",
-    "optimise/angle_sums",
-    "optimise/comparisons",
-    "optimise/divisions",
-    "optimise/multiply_add",
-    "optimise/parameter_products",
-    "optimise/passes",
-    "optimise/prepare",
-    "optimise/schedule",
-    "optimise/signs",
-    "optimise/tape",
-    "plant_digest",
-    "render",
-)
-#: What derivatives depend on besides.
-_JACOBIAN_CODE = ("jacobian",)
-#: What the coefficients of single precision depend on; no model plays a part.
-_SINGLE_CODE = ("elementary", "elementary_fit", "elementary_single", "elementary_tables")
+#: The module that each stage enters; what it imports decides the key of its results.
+_DERIVATION = "pfaffian.derive.derivation"
+_LOWERING = "pfaffian.derive.lower_model"
+_JACOBIAN = "pfaffian.derive.jacobian"
+_SINGLE = "pfaffian.derive.elementary_single"
+#: What a specification imports, in a model's folder.
+_AUTHORING = "pfaffian.derive.authoring"
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
 
 
@@ -104,15 +57,11 @@ def tool_versions() -> tuple[tuple[str, str], ...]:
     return tuple((name, version(name)) for name in _TOOLS)
 
 
-def _code(names: tuple[str, ...]) -> list[bytes]:
-    return [p.read_bytes() for n in names if (p := _HERE / f"{n}.py").is_file()]
-
-
 def derivation_key(folder: ModelFolder) -> str:
     """Return the digest of all that the derivation of `folder` depends on."""
     sources = [p.read_bytes() for p in sorted(folder.path.glob("*.py"))]
     tools = repr(tool_versions()).encode()
-    return digest(folder.name.encode(), tools, *_code(_DERIVATION_CODE), *sources)
+    return digest(folder.name.encode(), tools, *code_of(_DERIVATION, _AUTHORING), *sources)
 
 
 def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Derivation:
@@ -136,7 +85,7 @@ def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Deriv
 def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> LoweredModel:
     """Return the lowered model of `folder`, from the cache where it is known."""
     since = time.perf_counter()
-    key = digest(derivation_key(folder).encode(), *_code(_LOWERING_CODE))
+    key = digest(derivation_key(folder).encode(), *code_of(_LOWERING))
 
     def compute() -> bytes:
         from pfaffian.derive.lower_model import lower_model
@@ -158,7 +107,7 @@ def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> t
     They are a stage of their own: who does not ask for them does not pay for them.
     """
     since = time.perf_counter()
-    key = digest(derivation_key(folder).encode(), *_code((*_LOWERING_CODE, *_JACOBIAN_CODE)))
+    key = digest(derivation_key(folder).encode(), *code_of(_JACOBIAN))
 
     def compute() -> bytes:
         from pfaffian.derive.jacobian import jacobian_programs_of
@@ -175,7 +124,7 @@ def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> t
 
 def single_elementary() -> Mapping[str, Any]:
     """Return the coefficients of single precision's elementary functions, cached likewise."""
-    key = digest(version("mpmath").encode(), *_code(_SINGLE_CODE))
+    key = digest(version("mpmath").encode(), *code_of(_SINGLE))
 
     def compute() -> bytes:
         from pfaffian.derive.elementary_single import single_render_context

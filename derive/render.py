@@ -51,8 +51,8 @@ def _printer(spec: ModelSpec, zeros: ZeroDynamics) -> _Names:
         for s, _ in zeros.slopes
     }
     for c in spec.coordinates:
-        letter = sp.latex(c.position)
-        names[c.velocity.name] = f"\\dot{{{letter.split('_')[0]}}}_" + [*letter.split("_"), ""][1]
+        letter, below, index = sp.latex(c.position).partition("_")
+        names[c.velocity.name] = f"\\dot{{{letter}}}{below}{index}"
     return _Names(names)
 
 

@@ -18,8 +18,6 @@ from pfaffian.derive.control_terms import (
     define_shared,
     give_parts,
     norm,
-    numbered,
-    per_actuator,
     real,
     take_measurement,
     take_parameters,
@@ -65,12 +63,14 @@ class _Torque:
 def prepared_values(spec: ModelSpec) -> Block:
     """Return the values that depend on parameters alone: the exact leakage over one period."""
     law, units = spec.law, LawUnits(spec)
-    builder = BlockBuilder("prepare", f"{spec.title}: values computed once from the parameters")
+    builder = BlockBuilder(
+        "prepare", f"{spec.title}: values computed once from the parameters", spec.own
+    )
     take_parameters(builder, spec, "gain", "target")
     exponent = builder.define("exponent", -law.leakage_rate * law.sample_time, "-k2 T")
-    builder.give("leakage_decay", sp.exp(exponent), "", "e^(-k2 T)", "prepared")
+    builder.give(spec.own("leakage_decay"), sp.exp(exponent), "", "e^(-k2 T)", "prepared")
     builder.give(
-        "adaptation_step",
+        spec.own("adaptation_step"),
         -law.adaptation_rate * expm1(exponent) / law.leakage_rate,
         unit_product(
             *(
@@ -82,7 +82,9 @@ def prepared_values(spec: ModelSpec) -> Block:
         "k1 (1 - e^(-k2 T))/k2",
         "prepared",
     )
-    builder.give("bound_estimate", law.initial_bound, units.force, "ahat at the start", "state")
+    builder.give(
+        spec.own("bound_estimate"), law.initial_bound, units.force, "ahat at the start", "state"
+    )
     return builder.build()
 
 
@@ -96,7 +98,7 @@ def sampled_law(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> 
     holds, and beta still contracts, since no eigenvalue of N exceeds the trace. The leakage law is
     solved exactly with x held, so that sampled and continuous law share their equilibria.
     """
-    builder = BlockBuilder("step", f"{spec.title}: sampled control law, one period")
+    builder = BlockBuilder("step", f"{spec.title}: sampled control law, one period", spec.own)
     return complete_law(
         builder, spec, lambda: define_shared(builder, spec, dynamics, constraint, LEAST_SQUARE)
     )
@@ -107,7 +109,7 @@ def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Sh
 
     Measurement, state and parameters are declared before `define` is called.
     """
-    units, m = LawUnits(spec), len(spec.actuators)
+    units = LawUnits(spec)
     take_measurement(builder, spec)
     state = _take_state(builder, spec, units)
     take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain", "target")
@@ -123,7 +125,7 @@ def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Sh
             unit,
         )
         for name, offset, before, drift, s, unit in zip(
-            numbered("offset", m),
+            spec.own.numbered("offset"),
             state.offsets,
             state.drifts,
             shared.drift,
@@ -135,7 +137,7 @@ def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Sh
     beta = tuple(
         builder.define(name, s + z, "(21)", unit)
         for name, s, z, unit in zip(
-            numbered("beta", m), shared.s, moved, units.residuals, strict=True
+            spec.own.numbered("beta"), shared.s, moved, units.residuals, strict=True
         )
     )
     torque = _define_torque(builder, spec, units, shared, beta, state.bound)
@@ -146,22 +148,22 @@ def complete_law(builder: BlockBuilder, spec: ModelSpec, define: Callable[[], Sh
 
 
 def _take_state(builder: BlockBuilder, spec: ModelSpec, units: LawUnits) -> _State:
-    take, m = builder.take, len(spec.actuators)
+    take = builder.take
     return _State(
-        take(real("engaged"), "", "1 once the law has been engaged", "state"),
+        take(spec.own_symbol("engaged"), "", "1 once the law has been engaged", "state"),
         tuple(
             take(real(n), u, "beta - s, (21)", "state")
-            for n, u in zip(numbered("constraint_offset", m), units.residuals, strict=True)
+            for n, u in zip(spec.own.numbered("constraint_offset"), units.residuals, strict=True)
         ),
         tuple(
             take(real(n), u, "drift one period ago", "state")
-            for n, u in zip(numbered("drift_previous", m), units.drifts, strict=True)
+            for n, u in zip(spec.own.numbered("drift_previous"), units.drifts, strict=True)
         ),
-        take(real("bound_estimate"), units.force, "ahat, (15)", "state"),
-        take(real("leakage_decay"), "", "e^(-k2 T)", "prepared"),
-        take(real("adaptation_step"), "", "k1 (1 - e^(-k2 T))/k2", "prepared"),
+        take(spec.own_symbol("bound_estimate"), units.force, "ahat, (15)", "state"),
+        take(spec.own_symbol("leakage_decay"), "", "e^(-k2 T)", "prepared"),
+        take(spec.own_symbol("adaptation_step"), "", "k1 (1 - e^(-k2 T))/k2", "prepared"),
         tuple(
-            take(real(f"{a.name}_previous"), a.unit, f"{a.name} last commanded", "state")
+            take(real(spec.own.previous(a.name)), a.unit, f"{a.name} last commanded", "state")
             for a, _ in zip(spec.actuators, spec.law.slews, strict=bool(spec.law.slews))
         ),
     )
@@ -187,12 +189,12 @@ def _define_torque(
     nominal = shared.adb.adjugate() * sp.Matrix(shared.demand)
     p1 = tuple(
         define(n, inverse * v, "(17)", u)
-        for n, v, u in zip(per_actuator("p1", spec), nominal, units.forces, strict=True)
+        for n, v, u in zip(spec.own.of_actuators("p1"), nominal, units.forces, strict=True)
     )
     scaled_value = shared.adb.T * sp.Matrix(beta)
     scaled = tuple(
         define(n, v, "(20)", units.scaled)
-        for n, v in zip(per_actuator("bhat", spec), scaled_value, strict=True)
+        for n, v in zip(spec.own.of_actuators("bhat"), scaled_value, strict=True)
     )
     effort = define("effort", bound * shared.regressor, "ahat Pi", units.force)
     square = sum(entry**2 for entry in shared.adb)
@@ -202,7 +204,9 @@ def _define_torque(
     p2, p3, after = solve(builder, spec, units, scaled, effort, rate, layer)
     total = tuple(
         define(n, sp.Add(*parts), "(16)", u)
-        for n, u, *parts in zip(per_actuator("torque", spec), units.forces, p1, p2, p3, strict=True)
+        for n, u, *parts in zip(
+            spec.own.of_actuators("torque"), units.forces, p1, p2, p3, strict=True
+        )
     )
     return _Torque((p1, p2, p3), total, after)
 
@@ -266,12 +270,15 @@ def _several_actuators(
 ) -> _Solved:
     """Solve the step along bhat: its length by the closed form, its direction kept."""
     define, law = builder.define, spec.law
-    length = define("bhat_length", norm(scaled), "|bhat|", units.scaled)
+    length = define(spec.own("bhat_length"), norm(scaled), "|bhat|", units.scaled)
     inside = define(
         "shrink_inside", 1 / (1 + rate * (law.kappa + layer)), "|x|/|bhat| in the layer"
     )
     guarded = define(
-        "bhat_length_guarded", sp.Max(length, _NO_LENGTH), "|bhat|, never zero", units.scaled
+        spec.own("bhat_length_guarded"),
+        sp.Max(length, _NO_LENGTH),
+        "|bhat|, never zero",
+        units.scaled,
     )
     outside = define(
         "shrink_outside",
@@ -282,11 +289,11 @@ def _several_actuators(
     pull = define("pull", sp.Min(layer * inside, effort / guarded), "|p3|/|bhat|")
     p2 = tuple(
         define(n, -law.kappa * shrink * x, "(18)", u)
-        for n, x, u in zip(per_actuator("p2", spec), scaled, units.forces, strict=True)
+        for n, x, u in zip(spec.own.of_actuators("p2"), scaled, units.forces, strict=True)
     )
     p3 = tuple(
         define(n, -pull * x, "(19), (23)", u)
-        for n, x, u in zip(per_actuator("p3", spec), scaled, units.forces, strict=True)
+        for n, x, u in zip(spec.own.of_actuators("p3"), scaled, units.forces, strict=True)
     )
     return p2, p3, shrink * length
 
@@ -306,10 +313,10 @@ def _limit_torque(
     slews = law.slews or (None,) * len(torques)
     befores = previous or (None,) * len(torques)
     names = zip(
-        per_actuator("torque_least", spec),
-        per_actuator("torque_most", spec),
-        per_actuator("torque_slewed", spec),
-        per_actuator("command", spec),
+        spec.own.of_actuators("torque_least"),
+        spec.own.of_actuators("torque_most"),
+        spec.own.of_actuators("torque_slewed"),
+        spec.own.of_actuators("command"),
         (a.unit for a in spec.actuators),
         strict=True,
     )
@@ -348,11 +355,19 @@ def _give_output(
         builder.give(actuator.name, command, actuator.unit, f"torque, (16), {within}")
     give_parts(builder, spec, shared, beta, torque.parts)
     builder.give(
-        "saturated", sp.Piecewise((1, saturated), (0, True)), "", "torque at its limit", "flag"
+        spec.own("saturated"),
+        sp.Piecewise((1, saturated), (0, True)),
+        "",
+        "torque at its limit",
+        "flag",
     )
     near = shared.adb_det**2 < spec.law.singular_threshold**2
     builder.give(
-        "near_singular", sp.Piecewise((1, near), (0, True)), "", "|ADB| below its least", "flag"
+        spec.own("near_singular"),
+        sp.Piecewise((1, near), (0, True)),
+        "",
+        "|ADB| below its least",
+        "flag",
     )
 
 
@@ -369,19 +384,19 @@ def _give_state(
     """Let the next state leave. While the torque saturates, integral and adaptation would wind up:
     both are held.
     """
-    units, m = LawUnits(spec), len(moved)
+    units = LawUnits(spec)
     for name, before, after, unit in zip(
-        numbered("constraint_offset", m), state.offsets, moved, units.residuals, strict=True
+        spec.own.numbered("constraint_offset"), state.offsets, moved, units.residuals, strict=True
     ):
         held = sp.Piecewise((before, sp.And(saturated, state.engaged > 0)), (after, True))
         builder.give(name, held, unit, "beta - s", "next_state")
     for name, drift, unit in zip(
-        numbered("drift_previous", m), shared.drift, units.drifts, strict=True
+        spec.own.numbered("drift_previous"), shared.drift, units.drifts, strict=True
     ):
         builder.give(name, drift, unit, "drift of this period", "next_state")
     grown = state.decay * state.bound + state.step * shared.regressor * torque.scaled_next
     builder.give(
-        "bound_estimate",
+        spec.own("bound_estimate"),
         sp.Piecewise((state.bound, saturated), (grown, True)),
         units.force,
         "ahat, (15)",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 
 import sympy as sp
+from pfaffian.derive.own_names import OwnNames, own_names
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.program import TIME_NAME
 
@@ -140,6 +142,15 @@ class ModelSpec:
     eliminated: tuple[sp.Symbol, ...] = ()
     stability: tuple[StabilityCondition, ...] = ()
     swing_up: SwingUp | None = None
+
+    @cached_property
+    def own(self) -> OwnNames:
+        """Return the names of what is computed, which give way to those declared here."""
+        return own_names(self)
+
+    def own_symbol(self, name: str) -> sp.Symbol:
+        """Return the real symbol of what is computed under `name`."""
+        return _real(self.own(name))
 
     @property
     def positions(self) -> tuple[sp.Symbol, ...]:

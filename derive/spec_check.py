@@ -7,23 +7,31 @@ user's file.
 from __future__ import annotations
 
 import ast
-from collections import Counter
 
 import sympy as sp
 from pfaffian.derive.constraint import about_constraint
-from pfaffian.derive.constraint_check import check_constraints
+from pfaffian.derive.constraint_check import check_constraints, check_symbols
 from pfaffian.derive.dimensions import check_unit
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.name_check import check_names
+from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.spec import Actuator, Coordinate, ModelSpec, symbol_of
+from pfaffian.runtime.documents import unprintable
 from pfaffian.runtime.errors import InputError
 
 #: What `line_about` may find: a field given by keyword, or a symbol by the string that names it.
+_CONSTRAINTS = ("first_order", "holonomic", "second_order")
+_DECLARATIONS = (
+    *("coordinate", "parameter", "uncertain", "gain", "actuator"),
+    *("Coordinate", "Parameter", "Actuator"),
+)
 _ENERGIES = (("kinetic energy", "kinetic_energy"), ("potential energy", "potential_energy"))
 
 
 def check_spec(spec: ModelSpec) -> None:
     """Raise `InputError` for energies that are none, and coordinates and inputs without effect."""
+    check_names(spec)
     _check_energies(spec)
-    _check_names(spec)
+    _check_texts(spec)
     _check_units(spec)
     _check_coordinates(spec)
     for k, actuator in enumerate(spec.actuators):
@@ -52,6 +60,9 @@ def _check_energies(spec: ModelSpec) -> None:
                 remedy="look for a division by zero",
                 about=field,
             )
+    declared = {*spec.positions, *spec.velocities, *(symbol_of(p) for p in spec.parameters)}
+    for what, field in _ENERGIES:
+        check_symbols(spec, f"the {what}", getattr(spec, field), declared, field)
     moving = sorted(s.name for s in spec.potential_energy.free_symbols & set(spec.velocities))
     if moving:
         raise InputError(
@@ -61,15 +72,22 @@ def _check_energies(spec: ModelSpec) -> None:
         )
 
 
-def _check_names(spec: ModelSpec) -> None:
-    names = [n for c in spec.coordinates for n in (c.name, f"d{c.name}")]
-    names += [p.name for p in spec.parameters] + [a.name for a in spec.actuators]
-    for name, times in Counter(names).items():
-        if times > 1:
+def _check_texts(spec: ModelSpec) -> None:
+    """Refuse control characters in what ends up in comments of the generated code."""
+    declared: tuple[Coordinate | Parameter | Actuator, ...] = (
+        *spec.coordinates,
+        *spec.parameters,
+        *spec.actuators,
+    )
+    texts = [("title", spec.title), ("source", spec.source)]
+    texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
+    texts += [("stability", condition.text) for condition in spec.stability]
+    for about, text in texts:
+        if found := unprintable(text):
             raise InputError(
-                f"model {spec.name}: the name {name} is declared {times} times",
-                remedy="rename one of them; the law's own gains and limits have names too",
-                about=name,
+                f"model {spec.name}: a text of {about} holds the control character {found}",
+                remedy="leave it out",
+                about=about,
             )
 
 
@@ -131,8 +149,11 @@ def line_about(text: str, about: str) -> int | None:
         return None
     if about.startswith("constraint:"):
         name = about.removeprefix("constraint:")
-        calls = [n for n in nodes if isinstance(n, ast.Call) and _adds_constraint(n, name)]
+        calls = [n for n in nodes if isinstance(n, ast.Call) and _calls(n, _CONSTRAINTS, name)]
         return min((n.lineno for n in calls), default=None)
+    declared = [
+        n.lineno for n in nodes if isinstance(n, ast.Call) and _calls(n, _DECLARATIONS, about)
+    ]
     fields = [n.value.lineno for n in nodes if isinstance(n, ast.keyword) and n.arg == about]
     firsts = [n.args[0] for n in nodes if isinstance(n, ast.Call) and n.args]
     names = [
@@ -142,13 +163,12 @@ def line_about(text: str, about: str) -> int | None:
         and isinstance(a.value, str)
         and about in a.value.replace(",", " ").split()
     ]
-    return min(fields or names, default=None)
+    return min(declared or fields or names, default=None)
 
 
-def _adds_constraint(node: ast.Call, name: str) -> bool:
-    """Return whether `node` calls the builder's method for a constraint with this name."""
-    method = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+def _calls(node: ast.Call, methods: tuple[str, ...], name: str) -> bool:
+    """Return whether `node` calls one of `methods` with `name` as what is named."""
+    called = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+    called = node.func.id if isinstance(node.func, ast.Name) else called
     given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "name")]
-    return method in ("first_order", "holonomic", "second_order") and any(
-        isinstance(g, ast.Constant) and g.value == name for g in given
-    )
+    return called in methods and any(isinstance(g, ast.Constant) and g.value == name for g in given)

@@ -68,8 +68,9 @@ def check_swing_up(spec: ModelSpec) -> None:
 def _check_units(spec: ModelSpec, gains: SwingUp) -> None:
     units = {p.name: p.unit for p in spec.parameters}
     acted = acted_coordinate(spec)
-    units |= {acted.name: acted.unit, acted.velocity.name: f"{acted.unit}/s", "E": "J", "t": "s"}
-    energy, time = sp.Symbol("E"), sp.Symbol("t")
+    energy, time = spec.own_symbol("E"), spec.own_symbol("t")
+    units |= {acted.name: acted.unit, acted.velocity.name: f"{acted.unit}/s"}
+    units |= {energy.name: "J", time.name: "s"}
     terms = (
         (gains.energy, gains.energy * energy**2),
         (gains.rate, gains.rate * acted.velocity**2),
@@ -108,7 +109,7 @@ def swing_up_blocks(spec: ModelSpec, dynamics: Dynamics) -> tuple[Block, ...]:
 
 def _law(spec: ModelSpec, gains: SwingUp, dynamics: Dynamics) -> Block:
     """The torque within its limit; 0 where the denominator is not positive, which is flagged."""
-    builder = BlockBuilder("swing_up", f"{spec.title}: energy swing-up law")
+    builder = BlockBuilder("swing_up", f"{spec.title}: energy swing-up law", spec.own)
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant", "gain", "swing_up", "target")
     mass, solver, bias = define_dynamics(builder, spec, dynamics)
@@ -136,8 +137,12 @@ def _law(spec: ModelSpec, gains: SwingUp, dynamics: Dynamics) -> Block:
         actuator.unit,
     )
     _give_torque(builder, spec, torque, denominator)
-    builder.give("energy_error", missing, "J", "energy missing to the setpoint at rest, negated")
-    builder.give("denominator", denominator, unit, "denominator of the law, positive by design")
+    builder.give(
+        spec.own("energy_error"), missing, "J", "energy missing to the setpoint at rest, negated"
+    )
+    builder.give(
+        spec.own("denominator"), denominator, unit, "denominator of the law, positive by design"
+    )
     return builder.build()
 
 
@@ -158,14 +163,14 @@ def _give_torque(
     )
     builder.give(spec.actuators[0].name, command, unit, "torque, within its limit")
     builder.give(
-        "saturated",
+        spec.own("saturated"),
         sp.Piecewise((1, sp.And(beyond, regular)), (0, True)),
         "",
         "torque at its limit",
         "flag",
     )
     builder.give(
-        "near_singular",
+        spec.own("near_singular"),
         sp.Piecewise((0, regular), (1, True)),
         "",
         "denominator not positive",
@@ -219,7 +224,7 @@ def _limit(spec: ModelSpec, dynamics: Dynamics) -> Block:
     A coordinate that only turns the whole plant in the field, on which M does not depend, is taken
     where V is least: that is known in closed form.
     """
-    builder = BlockBuilder(PROGRAM, f"{spec.title}: what kD/kE must exceed")
+    builder = BlockBuilder(PROGRAM, f"{spec.title}: what kD/kE must exceed", spec.own)
     left = _repeating(spec, dynamics)
     for c in spec.coordinates:
         builder.take(c.position, c.unit, c.description, ANGLE if c in left else "input")
@@ -296,7 +301,9 @@ def swing_up_identities(spec: ModelSpec, dynamics: Dynamics) -> tuple[Identity, 
                 zero_matrix(row * mass - unit),
             )
         )
-    det, reach, drive, error, away, tau = sp.symbols("det N W E_error away tau", real=True)
+    det, reach, drive, error, away, tau = sp.symbols(
+        "det N W E_error away tau", real=True, cls=sp.Dummy
+    )
     rate = spec.velocities[a]
     acceleration = (reach * tau + drive) / det
     energy_rate = _power(spec, dynamics, tau)

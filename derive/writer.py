@@ -12,13 +12,13 @@ import errno
 import glob
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from pfaffian.derive.generation import Generation
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.files import announced, committing, make_folder
 from pfaffian.runtime.manifest import MANIFEST_NAME
 
 _AT_FDCWD = -100
@@ -32,9 +32,9 @@ def write_generation(generation: Generation, folder: Path) -> tuple[str, ...]:
     written, or holds files but no generation.
     """
     folder = Path(os.path.realpath(folder))
-    _check_target(folder)
+    check_target(folder)
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(folder.parent)
         with _alone(folder.parent) as alone:
             if alone:
                 _clear_abandoned(folder)
@@ -51,10 +51,12 @@ def _replace(generation: Generation, folder: Path) -> tuple[str, ...]:
     removed = tuple(sorted(old - {path for path, _ in generation.files}))
     if not changed and not removed:
         return ()
-    staging = Path(tempfile.mkdtemp(prefix=_staging_prefix(folder), dir=folder.parent))
+    staging = announced(folder.parent, _staging_prefix(folder))
     try:
+        staging.mkdir()
         _fill(staging, generation, folder, removed)
-        _exchange(staging, folder)
+        with committing():
+            _exchange(staging, folder)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return tuple(sorted({*changed, *removed}))
@@ -113,9 +115,10 @@ def drift(generation: Generation, folder: Path) -> str:
     return "".join(line if line.endswith("\n") else f"{line}\n" for line in lines)
 
 
-def _check_target(folder: Path) -> None:
+def check_target(folder: Path) -> None:
+    """Raise `InputError` where no generation can be put into `folder`."""
     try:
-        _check_place(folder)
+        _check_place(Path(os.path.realpath(folder)))
     except OSError as error:  # a folder above may not even be looked into
         raise _unwritable(folder, error) from error
 

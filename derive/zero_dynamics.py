@@ -10,6 +10,7 @@ from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.linearisation import linearise
+from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 from pfaffian.runtime.errors import InputError
 from sympy.polys.matrices import DomainMatrix
@@ -48,7 +49,7 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     linear = linearise(spec, dynamics, constraint)
     free, scale = _free_rows(linear.input)
     damping, slopes = _named_slopes(spec, free * linear.damping)
-    named = _Entries()
+    named = _Entries(spec.own)
     row = named("rate_row", linear.rate_row) * POLE + named("position_row", linear.position_row)
     row = _with_own_motion(spec, row, named)
     plant = sum(
@@ -88,7 +89,7 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
             "is quadratic in the velocities, such as an energy, needs a linear part",
             about="residual",
         )
-    wanted = tuple(sp.Symbol(f"c{k}", real=True) for k in reversed(range(len(coefficients) - 1)))
+    wanted = tuple(spec.own_symbol(f"c{k}") for k in reversed(range(len(coefficients) - 1)))
     gains = () if named.values else _synthesise(spec, tuple(coefficients), wanted)
     entries = tuple(named.values.items())
     return ZeroDynamics(tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes)
@@ -116,7 +117,8 @@ class _Entries:
     In named entries the determinant is one of polynomials, which takes milliseconds.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, own: OwnNames) -> None:
+        self._own = own
         self.values: dict[sp.Symbol, sp.Expr] = {}
 
     def __call__(self, base: str, matrix: sp.Matrix) -> sp.Matrix:
@@ -128,7 +130,7 @@ class _Entries:
     def _named(self, name: str, value: sp.Expr) -> sp.Expr:
         if value.is_Number or value.is_Symbol:
             return value
-        symbol = sp.Symbol(name, real=True)
+        symbol = sp.Symbol(self._own(name), real=True)
         known = next((s for s, v in self.values.items() if v == value), None)
         if known is None:
             self.values[symbol] = value
@@ -167,7 +169,6 @@ def _named_slopes(
     own = [c.name for c in spec.coordinates]
     rows = own if damping.is_square else [f"free{k + 1}" for k in range(damping.rows)]
     rubbing = {symbol_of(p) for p in spec.parameters_in("uncertainty")}
-    names = {p.name for p in spec.parameters}
     slopes: dict[sp.Symbol, sp.Expr] = {}
     shown = damping.as_mutable()
     for i, row in enumerate(rows):
@@ -177,7 +178,7 @@ def _named_slopes(
                 shown[i, j] = entry
                 continue
             name = f"damping_{row}" + ("" if row == column else f"_{column}")
-            while name in names:
+            while name in spec.own.declared:
                 name += "_"
             shown[i, j] = sp.Symbol(name, real=True)
             slopes[shown[i, j]] = entry

@@ -57,7 +57,8 @@ class ContinuousLoop:
     def __init__(self, scenario: Scenario, host: GeneratedModel) -> None:
         """Engage the law at the scenario's start: s there is what beta is counted from."""
         self.host, self.scenario, self.evaluations = host, scenario, 0
-        self.names = scenario.folder.manifest.coordinates
+        manifest = scenario.folder.manifest
+        self.names, self.own, self.numbered = manifest.coordinates, manifest.own, manifest.numbered
         self.channels = [*self.names, *(f"d{n}" for n in self.names)]
         self._params = fill_records(host.records("params"), dict(scenario.controller))
         self._plant = fill_records(host.records("plant_params"), dict(scenario.plant))
@@ -66,18 +67,13 @@ class ContinuousLoop:
         self.output = host.records("continuous_output")
         self._applied, self.acceleration = host.records("plant_input"), host.records("plant_rate")
         self.actuators = tuple(self._applied.dtype.names or ())
-        self._integrals = self.numbered("drift_integral")
+        self._integrals, self._bound = self.numbered("drift_integral"), self.own("bound_estimate")
         motion = [scenario.initial[c] for c in self.channels]
         still = [0.0] * len(self.actuators)
         self.start = np.array([*motion, *still, scenario.controller["bound_initial"]])
         self.observe(self.start)
         for s0, s in zip(self.numbered("residual_initial"), self.numbered("s"), strict=True):
             self._state[s0] = self.output[s]
-
-    def numbered(self, base: str) -> list[str]:
-        """Return `base` alone with one actuator, `base1`, `base2`, ... with more."""
-        m = len(self.actuators)
-        return [base] if m == 1 else [f"{base}{k + 1}" for k in range(m)]
 
     def observe(self, y: Array, time: float = 0.0) -> None:
         """Evaluate the law in the state `y`, at `time` in seconds."""
@@ -87,7 +83,7 @@ class ContinuousLoop:
             self._measured[name] = self._motion[name] = value
         for name, value in zip(self._integrals, y[len(self.channels) :], strict=False):
             self._state[name] = value
-        self._state["bound_estimate"] = y[-1]
+        self._state[self._bound] = y[-1]
         self.host.continuous(self._state, self._params, self._measured, self.output)
 
     def __call__(self, time: float, y: Array) -> Array:
@@ -107,14 +103,16 @@ class ContinuousLoop:
         rate = np.empty_like(y)
         rate[:n] = y[n : 2 * n]
         rate[n : 2 * n] = [self.acceleration[f"dd{c}"][0] for c in self.names]
-        rate[2 * n : -1] = [self.output[f"{i}_rate"][0] for i in self._integrals]
-        rate[-1] = self.output["bound_estimate_rate"][0]
+        rate[2 * n : -1] = [self.output[self.own(f"{i}_rate")][0] for i in self._integrals]
+        rate[-1] = self.output[self.own(f"{self._bound}_rate")][0]
         return rate
 
     def clearance(self, time: float, y: Array) -> float:
         """Return |ADB| less the singular threshold: the flight ends where it vanishes."""
         self.observe(y, time)
-        return float(abs(self.output["adb"][0]) - self.scenario.controller["singular_threshold"])
+        return float(
+            abs(self.output[self.own("adb")][0]) - self.scenario.controller["singular_threshold"]
+        )
 
 
 def fly_continuous(scenario: Scenario, host: GeneratedModel) -> ContinuousFlight:
@@ -160,7 +158,7 @@ def record(loop: ContinuousLoop, times: Array, states: Array, ended: str = "") -
     rates = np.empty_like(states)
     for k, y in enumerate(states):
         rates[k] = loop(times[k], y)
-        signals[k] = [loop.output[s][0] for s in (*beta, *loop.actuators, "adb")]
+        signals[k] = [loop.output[s][0] for s in (*beta, *loop.actuators, loop.own("adb"))]
 
     def columns(of: Array) -> Array:
         return of[:, 0] if m == 1 else of

@@ -5,16 +5,21 @@ from __future__ import annotations
 import difflib
 import reprlib
 import tomllib
+import unicodedata
 from pathlib import Path
 
 from pfaffian.runtime.errors import InputError
 
 
 def read_toml(path: Path) -> dict[str, object]:
-    """Return the document in `path`; raise `InputError` where it is unreadable or malformed."""
+    """Return the document in `path`; raise `InputError` where it is unreadable or malformed.
+
+    A byte order mark is passed over. Texts with characters that control a terminal or the order of
+    what is read are refused: they would get into comments of the generated code.
+    """
     remedy = "mend the line named in the message"
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors write the mark
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror})", remedy="check the path and its rights"
@@ -27,6 +32,33 @@ def read_toml(path: Path) -> dict[str, object]:
         raise InputError(
             f"{path}: is nested too deeply", remedy="write tables and values one level deep"
         ) from error
+    _check_texts(document, f"{path}")
+    return document
+
+
+def unprintable(text: str) -> str:
+    """Return the name of the first character of `text` that no document needs, or nothing.
+
+    Those are control and format characters but line feeds and tabs, and halves of surrogates.
+    """
+    for character in text:
+        if character not in "\n\r\t" and unicodedata.category(character) in ("Cc", "Cf", "Cs"):
+            return f"U+{ord(character):04X}"
+    return ""
+
+
+def _check_texts(value: object, where: str) -> None:
+    if isinstance(value, dict):
+        for key, part in value.items():
+            _check_texts(key, where)
+            _check_texts(part, f"{where}: {key}")
+    elif isinstance(value, list):
+        for part in value:
+            _check_texts(part, where)
+    elif isinstance(value, str) and (found := unprintable(value)):
+        raise InputError(
+            f"{where}: {shown(value)} holds the control character {found}", remedy="leave it out"
+        )
 
 
 def shown(value: object) -> str:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 EXIT_DONE = 0
 EXIT_CHECK_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_MISSING_TOOL = 3
+#: As a shell says that a program was ended by SIGINT or SIGPIPE: 128 and the signal's number.
+EXIT_INTERRUPTED = 130
+EXIT_BROKEN_PIPE = 141
 
 
 class PfaffianError(Exception):
@@ -33,6 +38,16 @@ class InputError(PfaffianError):
     """Something the user gave is wrong: a name, a file, a value, a unit, a gain."""
 
     exit_code = EXIT_BAD_INPUT
+
+
+def refuse_all(errors: Sequence[InputError]) -> None:
+    """Raise one `InputError` that says everything in `errors`, each with its remedy, if any."""
+    if len(errors) == 1:
+        raise errors[0]
+    if errors:
+        first, *others = errors
+        more = "\n".join(str(error) for error in others)
+        raise InputError(first.message, remedy=f"{first.remedy}\n{more}") from first
 
 
 class MissingToolError(PfaffianError):

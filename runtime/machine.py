@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -120,6 +121,17 @@ _FAMILIES = {
 }
 
 
+def emulator() -> ModuleType:
+    """Return the emulator's module; raise `MissingToolError` where it is not installed."""
+    try:
+        return import_module("unicorn")
+    except ImportError as error:
+        raise MissingToolError(
+            f"no PowerPC emulator found: the Python package unicorn is missing ({error})",
+            remedy="install it: pip install 'pfaffian[target]' (or pip install unicorn)",
+        ) from error
+
+
 class EmulatedMachine:
     """The image in an emulated processor, 32-bit, without an operating system."""
 
@@ -128,13 +140,7 @@ class EmulatedMachine:
 
         Raises `MissingToolError` without the emulator, `InputError` for an unknown processor.
         """
-        try:
-            import unicorn
-        except ImportError as error:
-            raise MissingToolError(
-                f"no PowerPC emulator found: the Python package unicorn is missing ({error})",
-                remedy="install it: pip install 'pfaffian[target]' (or pip install unicorn)",
-            ) from error
+        unicorn = emulator()
         family, _, model = processor.partition(":")
         if family not in _FAMILIES:
             raise InputError(

@@ -64,6 +64,7 @@ class Manifest:
     names the parameter sets whose planned motion is there, in the order of the harness.
     `control_structures` are those of the complete controller, by role, some members structures
     themselves; `control_sets` its constants by parameter set. Both are empty where there is none.
+    `own_names` are the members of the law whose usual name the plant has, by that usual name.
     """
 
     abi: int
@@ -89,6 +90,24 @@ class Manifest:
     control_structures: Mapping[str, Structure] = field(default_factory=dict)
     control_sets: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     plans: tuple[str, ...] = ()
+    own_names: Mapping[str, str] = field(default_factory=dict)
+
+    def own(self, name: str) -> str:
+        """Return the member that holds what the law calls `name`: `s`, `beta`, `p1`, `engaged`.
+
+        It is `name` itself, unless the plant has that name already and ours gave way.
+        """
+        return self.own_names.get(name, name)
+
+    def numbered(self, base: str) -> tuple[str, ...]:
+        """Return the members of `base` by servo-constraint: itself for one, numbered for more."""
+        count = len(self.actuators)
+        bare = [base] if count == 1 else [f"{base}{k + 1}" for k in range(count)]
+        return tuple(self.own(name) for name in bare)
+
+    def of_actuator(self, base: str, actuator: str) -> str:
+        """Return the member of `base` that belongs to `actuator`: `p1`, or `p1_thrust`."""
+        return self.own(base if len(self.actuators) == 1 else f"{base}_{actuator}")
 
     @property
     def real(self) -> str:
@@ -100,6 +119,8 @@ class Manifest:
         document = asdict(self)
         if not self.plans:
             del document["plans"]
+        if not self.own_names:
+            del document["own_names"]
         return json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
 
 

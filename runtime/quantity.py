@@ -13,9 +13,22 @@ from pfaffian.runtime.errors import InputError
 _PLAIN = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: An exponent a unit may have: a short number, and no further power on top of it.
 _EXPONENT = re.compile(r"(?:\*\*|\^)\s*\(?[+-]?\d{1,2}(?:[./]\d{1,2})?\)?(?!\s*(?:\*\*|\^|\d))")
-#: A number that is not part of a name.
+#: A number that is not part of a name, and the one a unit may have: the numerator of 1/s.
 _NUMBER = re.compile(r"(?<![\w.])[\d.]+")
+_NUMERATOR = re.compile(r"(^|\()\s*1\s*(?=/)")
+#: What a unit is written in beside its exponents: names, products, quotients and parentheses.
+_WRITTEN = re.compile(r"%|(?:[^\W\d]\w*|°|\*(?!\*)|/(?!/)|[()·\s])*")
 _LONGEST_UNIT = 100
+#: Words for different amounts in different countries or trades, and what says which is meant.
+_AMBIGUOUS = (
+    (r"(?:kilo|mega|k|M)?tons?", "t for 1000 kg, else short_ton or long_ton"),
+    (r"ton_force|force_tons?", "kN"),
+    (r"hundredweights?|cwt|quarters?", "kg"),
+    (r"hp|horsepower", "W, or metric_horsepower"),
+    (r"mils?", "mrad or mm"),
+    (r"gallons?|gal|pints?|quarts?", "l, the litre"),
+)
+_AMBIGUOUS_WORDS = tuple((re.compile(rf"(?<!\w)(?:{w})(?!\w)"), use) for w, use in _AMBIGUOUS)
 
 
 @functools.cache
@@ -26,11 +39,14 @@ def unit_registry() -> Any:
     return pint.UnitRegistry()
 
 
-def parse_quantity(raw: object, unit: str, where: str) -> float:
+def parse_quantity(raw: object, unit: str, where: str, *, drops_angles: bool = False) -> float:
     """Return `raw` in the coherent SI `unit`.
 
     `raw` is a number where `unit` is empty (dimensionless), else a string such as `"0.09 kg"`.
-    Raises `InputError` naming `where` for a bare number, an unknown unit or a wrong dimension.
+    Angles count as a dimension of their own, so that kg*deg is no mass; they may be left out, and
+    be added where the `unit` is one that `drops_angles`, as those of the law's own gains do.
+    Raises `InputError` naming `where` for a bare number, an unknown or ambiguous unit, and a wrong
+    dimension.
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
         raise InputError(f"{where}: {shown(raw)} is not a quantity", remedy=_example(unit))
@@ -46,7 +62,8 @@ def parse_quantity(raw: object, unit: str, where: str) -> float:
     number, given = float(match[1]), match[2]
     if given == unit:
         return _finite(number, where)
-    return _finite(_convert(number, given, unit, where), where)
+    _check_meaning(given, unit, where)
+    return _finite(_convert(number, given, unit, where, drops_angles), where)
 
 
 def _float(number: int | float) -> float:
@@ -58,12 +75,39 @@ def _float(number: int | float) -> float:
 
 def _is_plain(given: str) -> bool:
     """Return whether a unit is short, and no arithmetic: pint would compute 9**9**9**9 as told."""
-    rest = _EXPONENT.sub("", given)
-    numbers = set(_NUMBER.findall(rest))
-    return len(given) <= _LONGEST_UNIT and numbers <= {"1"} and "**" not in rest and "^" not in rest
+    rest = _NUMERATOR.sub(r"\1", _EXPONENT.sub("", given))
+    short = len(given) <= _LONGEST_UNIT
+    return short and not _NUMBER.search(rest) and _WRITTEN.fullmatch(rest) is not None
 
 
-def _convert(number: float, given: str, unit: str, where: str) -> float:
+def _check_meaning(given: str, unit: str, where: str) -> None:
+    """Refuse a word that is the name of several units."""
+    for word, use in _AMBIGUOUS_WORDS:
+        if found := word.search(given):
+            raise InputError(
+                f"{where}: {found[0]!r} in {shown(given)} is the name of several units",
+                remedy=f"write {use}; or give {unit or 'a plain number'}",
+            )
+
+
+def _angles(units: Any) -> dict[str, Any]:
+    """Return the units of no dimension in `units`, such as degrees, with their powers."""
+    registry = unit_registry()
+    one = registry.Quantity(1, "").dimensionality
+    powers = registry.Quantity(1, units).unit_items()
+    return {n: power for n, power in powers if registry.Unit(n).dimensionality == one}
+
+
+def _angles_fit(have: Any, wanted: Any, unit: str, drops_angles: bool) -> bool:
+    """Return whether what `have` says of angles can be meant by the `wanted` unit."""
+    given, asked = _angles(have), _angles(wanted)
+    if not given or not unit or sum(given.values()) == sum(asked.values()) != 0:
+        return True
+    # A plain name, such as that of a mass or a length, leaves out no angle.
+    return drops_angles or (set(given) == {"radian"} and not unit.isalpha())
+
+
+def _convert(number: float, given: str, unit: str, where: str, drops_angles: bool) -> float:
     import pint
 
     registry = unit_registry()
@@ -75,7 +119,7 @@ def _convert(number: float, given: str, unit: str, where: str) -> float:
     except Exception as error:  # pint raises its own, tokenizer and attribute errors here
         raise InputError(f"{where}: unknown unit {shown(given)}", remedy=_example(unit)) from error
     try:
-        return float(registry.Quantity(number, have).m_as(wanted))
+        value = float(registry.Quantity(number, have).m_as(wanted))
     except pint.DimensionalityError as error:
         raise InputError(
             f"{where}: {given or 'dimensionless'} has dimension {have.dimensionality}, "
@@ -87,6 +131,12 @@ def _convert(number: float, given: str, unit: str, where: str) -> float:
             f"{where}: {given!r} does not convert to {unit or 'a plain number'}",
             remedy=_example(unit),
         ) from error
+    if not _angles_fit(have, wanted, unit, drops_angles):
+        raise InputError(
+            f"{where}: {given} has {', '.join(_angles(have))} in it, but {unit} is needed",
+            remedy=_example(unit),
+        )
+    return value
 
 
 def _finite(value: float, where: str) -> float:

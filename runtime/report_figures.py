@@ -131,12 +131,11 @@ def _histories(plot: _Plot, manifest: Manifest) -> Iterator[Figure]:
         yield _error(plot, inputs[q])
     for actuator in manifest.actuators:
         yield from _torque(plot, outputs[actuator])
-    if "beta" in outputs:
-        yield _plain(plot, outputs["beta"], lambda f: f.output["beta"])
-    if "bound_estimate" in states:
-        yield _plain(plot, states["bound_estimate"], lambda f: f.state["bound_estimate"])
-    if "adb" in outputs:
-        yield from _singular(plot, outputs["adb"])
+    beta, bound, adb = (manifest.own(n) for n in ("beta", "bound_estimate", "adb"))
+    if len(manifest.actuators) == 1:
+        yield _plain(plot, outputs[beta], lambda f: f.output[beta])
+    yield _plain(plot, states[bound], lambda f: f.state[bound])
+    yield from _singular(plot, outputs[adb])
 
 
 def _quantity(field: Field) -> str:

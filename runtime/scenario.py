@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,8 @@ from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.generated_model import GeneratedFolder, open_generated
 from pfaffian.runtime.manifest import Structure
 from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.runtime.scenario_files import find_scenario as find_scenario
+from pfaffian.runtime.scenario_files import scenario_paths as scenario_paths
 
 _TABLES = ("initial", "controller", "plant", "twin")
 _TOP = ("title", "source", "model", "set", "duration", "plant_substeps", "in_report", *_TABLES)
@@ -48,48 +49,6 @@ class Scenario:
     def sample_time(self) -> float:
         """Return the period in seconds."""
         return self.controller["sample_time"]
-
-
-def scenario_paths() -> dict[str, Path]:
-    """Return the scenarios that come with this package, by name; those on the twin come last."""
-    root = Path(str(files("pfaffian.runtime"))) / "scenarios"
-    return {p.stem: p for p in (*sorted(root.glob("*.toml")), *sorted(root.glob("twin/*.toml")))}
-
-
-def find_scenario(reference: str) -> Path:
-    """Return the file of the scenario called `reference`, or `reference` as a path.
-
-    Raises `InputError` where there is neither.
-    """
-    known = scenario_paths()
-    path = known.get(reference, Path(reference))
-    if reference not in known and not path.is_file():
-        raise InputError(f"unknown scenario {reference}", remedy=suggestion(reference, list(known)))
-    return path
-
-
-def report_scenarios(model: str) -> list[str]:
-    """Return the names of the scenarios that the main job of `model` flies.
-
-    Raises `InputError` where there is none.
-    """
-    names = [n for n, d in _in_report(model).items() if "twin" not in d]
-    if not names:
-        raise InputError(
-            f"no scenario of model {model} is marked for the report",
-            remedy="write a scenario with in_report = true, or fly one: pfaffian pil SCENARIO",
-        )
-    return names
-
-
-def report_twin(model: str) -> str | None:
-    """Return the scenario of the complete controller of `model` that the main job flies."""
-    return next((n for n, d in _in_report(model).items() if "twin" in d), None)
-
-
-def _in_report(model: str) -> dict[str, dict[str, Any]]:
-    documents = {name: read_toml(path) for name, path in scenario_paths().items()}
-    return {n: d for n, d in documents.items() if d.get("model") == model and d.get("in_report")}
 
 
 def read_scenario(

@@ -165,9 +165,7 @@ class SensingModule:
         given = np.array(angles, self.machine.byte_order + "f8")
         given.flags.writeable = False
         status = np.zeros(len(state), self.machine.byte_order + "i4")
-        self.machine.call(
-            "pf_sensing_batch_rezero", len(state), state, given, int(periods), status
-        )
+        self.machine.call("pf_sensing_batch_rezero", len(state), state, given, int(periods), status)
         return status.astype(np.int32)
 
 

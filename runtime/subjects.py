@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel, Records
+from pfaffian.runtime.manifest import Manifest
 
 Array = np.ndarray[Any, Any]
 
@@ -33,12 +34,15 @@ def _saturated(
     """
     manifest = folder.manifest
     found = np.any([np.abs(output[a]) >= params[p] for a, p in _limits(folder)], axis=0)
-    if f"{manifest.actuators[0]}_previous" not in manifest.structures["state"].names():
+    if (
+        manifest.own(f"{manifest.actuators[0]}_previous")
+        not in manifest.structures["state"].names()
+    ):
         return np.asarray(found)
     found |= code == manifest.status.index("SATURATED")
     for actuator in manifest.actuators:
-        ending = f"_{actuator}" if len(manifest.actuators) > 1 else ""
-        parts = np.array([output[f"p{k}{ending}"] for k in (1, 2, 3)])
+        names = [manifest.of_actuator(part, actuator) for part in ("p1", "p2", "p3")]
+        parts = np.array([output[name] for name in names])
         rounding = 8.0 * np.finfo(parts.dtype).eps * np.abs(parts).sum(axis=0)
         found |= np.abs(output[actuator] - parts.sum(axis=0)) > rounding
     return np.asarray(found)
@@ -83,12 +87,14 @@ class MachineSubject:
         read = [self._filled(role, values, count) for role in ("input", *more)]
         run: Callable[..., None] = self.model.follow if more else self.model.step
         run(state, params, *read, output, status)
-        codes = self.model.folder.manifest.status
+        manifest = self.model.folder.manifest
+        saturated = _saturated(self.model.folder, output, params, status)
+        singular = status == manifest.status.index("NEAR_SINGULAR")
         return {
             **_columns(output),
-            **{n: c for n, c in _columns(state).items() if n != "engaged"},
-            "saturated": _saturated(self.model.folder, output, params, status).astype(float),
-            "near_singular": (status == codes.index("NEAR_SINGULAR")).astype(float),
+            **{n: c for n, c in _columns(state).items() if n != manifest.own("engaged")},
+            manifest.own("saturated"): saturated.astype(float),
+            manifest.own("near_singular"): singular.astype(float),
         }
 
     def _prepare(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
@@ -108,7 +114,7 @@ class MachineSubject:
         output, status = self.model.records("swing_up_output", count), np.zeros(count, np.int32)
         params, measured = (self._filled(r, values, count) for r in ("params", "input"))
         self.model.swing_up(params, measured, output, status)
-        return {**_columns(output), **_flags(status, self.model.folder.manifest.status)}
+        return {**_columns(output), **_flags(status, self.model.folder.manifest)}
 
     def _acceleration(self, values: Mapping[str, Array], count: int) -> dict[str, Array]:
         rate = self.model.records("plant_rate", count)
@@ -159,11 +165,12 @@ class PythonSubject:
             setattr(prepared, name, values.get(name, getattr(prepared, name)))
         read = [self._filled(role, values) for role in ("input", *more)]
         state, output, status = run(prepared, params, *read)
+        own = self._folder.manifest.own
         return {
             **vars(output),
-            **{n: v for n, v in vars(state).items() if n != "engaged"},
-            "saturated": _saturated(self._folder, vars(output), vars(params), status),
-            "near_singular": status == self._module.NEAR_SINGULAR,
+            **{n: v for n, v in vars(state).items() if n != own("engaged")},
+            own("saturated"): _saturated(self._folder, vars(output), vars(params), status),
+            own("near_singular"): status == self._module.NEAR_SINGULAR,
         }
 
     def _prepare(self, values: Mapping[str, Array]) -> dict[str, Any]:
@@ -176,7 +183,7 @@ class PythonSubject:
     def _swing_up(self, values: Mapping[str, Array]) -> dict[str, Any]:
         arguments = (self._filled(r, values) for r in ("params", "input"))
         output, status = self._module.swing_up(*arguments)
-        return {**vars(output), **_flags(status, self._folder.manifest.status)}
+        return {**vars(output), **_flags(status, self._folder.manifest)}
 
     def _acceleration(self, values: Mapping[str, Array]) -> dict[str, Any]:
         roles = ("plant_params", "plant_state", "plant_input")
@@ -191,9 +198,9 @@ def _columns(records: Records) -> dict[str, Array]:
     return {n: records[n].astype(float) for n in records.dtype.names or ()}
 
 
-def _flags(status: Array, codes: Sequence[str]) -> dict[str, Array]:
+def _flags(status: Array, manifest: Manifest) -> dict[str, Array]:
     """Return as numbers which samples have the status that each flag of a law stands for."""
     return {
-        flag: (status == codes.index(flag.upper())).astype(float)
+        manifest.own(flag): (status == manifest.status.index(flag.upper())).astype(float)
         for flag in ("saturated", "near_singular")
     }

@@ -159,8 +159,8 @@ WRONG = {
     ),
     "the name of a coordinate": (
         'm.first_order("y", "m/s", dy + r * y)',
-        "model masses: the servo-constraint y has the name of something else",
-        "rename it",
+        "model masses: y is the name of the coordinate y and of a servo-constraint",
+        "rename one of them",
     ),
     "a list": (
         'm.first_order("s2", "m/s", [dy, r * y])',

@@ -12,7 +12,6 @@ import importlib.util
 import os
 import shutil
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,9 +85,11 @@ def test_an_output_folder_that_is_a_file_or_lies_below_one_is_refused(workspace,
     for folder in ("notes.txt", "notes.txt/made", "notes.txt/deep/made"):
         says = ("notes.txt: is a file, not a folder", "-o")
         refused("generate", "pendubot", "-o", folder, says=says)
-    says = ("notes.txt/image/pendubot-host.so: cannot be written", "-o")
+    says = ("-o notes.txt/image: notes.txt is a file, not a folder",)
     refused("build", "pendubot", "--target", "host", "-o", "notes.txt/image", says=says)
-    refused("run", "pendubot", "-o", "notes.txt/made", says=("cannot be written", "-o"))
+    for call in ("run pendubot", "reproduce figure-7", "build pendubot"):
+        says = ("-o notes.txt/made: notes.txt is a file, not a folder", "another folder")
+        refused(*call.split(), "-o", "notes.txt/made", says=says)
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a file system of the kernel")
@@ -115,7 +116,7 @@ def _closed(path: Path) -> bool:
     ("owner", "name", "stand_in", "reason"),
     [
         (os, "access", lambda *_, **__: False, "Permission denied"),
-        (tempfile, "mkdtemp", _fail(errno.EROFS), "Read-only file system"),
+        (Path, "mkdir", _fail(errno.EROFS), "Read-only file system"),
         (os, "fsync", _fail(errno.ENOSPC), "No space left on device"),
         (writer, "_exchange", _fail(errno.EBUSY), "Device or resource busy"),
         (Path, "exists", _closed, "Permission denied"),

@@ -57,7 +57,7 @@ BROKEN = {
     "a symbol without a unit": (
         "potential_energy=potential,",
         "potential_energy=potential + sp.Symbol('wind'),",
-        "potential energy: symbol wind has no unit",
+        "the potential energy contains wind, which is declared nowhere",
         "declare it as a parameter or coordinate",
     ),
     "a kinetic energy at rest": (

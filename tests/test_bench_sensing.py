@@ -125,12 +125,7 @@ def test_bad_wishes_are_refused(refused, workspace):
     refused("bench", "sensing", "--damping", "0.1", says=("damping=0.1", "bounds"))
 
 
-def test_document_shows_the_table_as_printed(run):
-    page = (ROOT / "docs/sensing.md").read_text(encoding="utf-8")
-    rows = [line for line in run("bench", "sensing").out.splitlines() if line.startswith("│")]
-    assert len(rows) == 2 * len(BANDWIDTHS)
-    shown = [line for line in page.splitlines() if line.startswith("│")]
-    assert [r.split() for r in shown] == [r.split() for r in rows]
+def test_the_document_has_its_figure():
     assert (ROOT / "docs/sensing.svg").is_file()
 
 

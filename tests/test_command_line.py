@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
 import math
 import re
@@ -275,6 +276,55 @@ def test_help_of_every_command(run):
         assert "--json" in run("bench", benchmark, "--help").out
 
 
+def test_the_version_is_that_of_the_package(run):
+    outcome = run("--version")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out == f"pfaffian {importlib.metadata.version('pfaffian')}\n"
+
+
+def test_the_help_shows_every_word_of_every_option_square_brackets_too(run):
+    import typer
+
+    def commands(group, words):
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                yield from commands(command, (*words, name))
+            else:
+                yield (*words, name), command
+
+    bracketed = 0
+    for words, command in commands(typer.main.get_command(app), ()):
+        page = " ".join(run(*words, "--help").out.split())
+        for option in command.params:
+            text = " ".join((option.help or "").split())
+            assert text in page, (words, option.name)
+            bracketed += "[" in text
+    assert bracketed >= 4
+
+
+def test_derive_gives_the_distance_in_the_unit_of_its_coordinate(run, monkeypatch):
+    from dataclasses import replace
+
+    from pfaffian.derive import design
+
+    real = design.assess
+    assert "distance to ADB = 0 [rad]" in run("derive", "pendubot", "--set", "sim").out
+    other = {"singular_unit": "m", "singular_coordinate": "x"}
+    monkeypatch.setattr(design, "assess", lambda *a: replace(real(*a), **other))
+    assert "distance to ADB = 0 [m]" in run("derive", "pendubot", "--set", "sim").out
+    none = {"singular_unit": "", "singular_coordinate": "", "singular_distance_rad": math.inf}
+    monkeypatch.setattr(design, "assess", lambda *a: replace(real(*a), **none))
+    assert re.search(r"distance to ADB = 0 +│ inf", run("derive", "pendubot", "--set", "sim").out)
+
+
+def test_square_brackets_of_the_users_own_are_shown(run, workspace):
+    (workspace / "[mine]").mkdir()
+    assert "[mine]: holds no spec.py" in run("derive", "[mine]").err
+    (workspace / "[a]").mkdir()
+    shutil.copy(library_models()["tora"].spec_file, workspace / "[a]" / "spec.py")
+    assert "deriving [a]" in run("derive", "[a]").err
+
+
 def test_nothing_asked_shows_the_help_and_is_bad_input(run):
     outcome = run()
     assert outcome.code == 2
@@ -327,6 +377,6 @@ def test_a_reader_that_goes_away_is_no_traceback(workspace):
     writer.stdout.close()
     said = writer.stderr.read()
     writer.stderr.close()
-    assert writer.wait(timeout=60) == 1
+    assert writer.wait(timeout=60) == 141  # as of any program that SIGPIPE ends
     assert "Traceback" not in said
     assert "BrokenPipe" not in said

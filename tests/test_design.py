@@ -423,7 +423,7 @@ def test_a_folder_that_cannot_be_written_is_named(workspace, refused, monkeypatc
     def full(path, content):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr("pfaffian.runtime.files.write_whole", full)
+    monkeypatch.setattr("pfaffian.runtime.files._written_beside", full)
     refused(
         *("design", "pendubot", "--set", "sim", "--poles", "-6,-6,-6", "-o", "made.toml"),
         says=("-o made.toml: cannot be written (No space left", "another place"),

@@ -147,12 +147,13 @@ SLIPS = {
     "a name of the law": (
         '"ball_radius", "m"',
         '"kappa", "m"',
-        "ballbeam/spec.py:{line}: model ballbeam: the name kappa is declared 2 times",
+        "ballbeam/spec.py:{line}: model ballbeam: kappa is the name of the parameter "
+        "kappa (radius of the ball) and of the law's own kappa",
     ),
     "a name of the generated code": (
         '"ball_radius", "m"',
         '"double", "m"',
-        "ballbeam/spec.py:{line}: model ballbeam: double is a name the generated code needs",
+        "ballbeam/spec.py:{line}: model ballbeam: double is a keyword of C or C++",
     ),
     "a unit that is none": (
         '"ball_radius", "m"',

@@ -142,7 +142,7 @@ def test_wheel_declares_its_command_and_its_dependencies(wheel):
         (name,) = (n for n in file.namelist() if n.endswith(".dist-info/METADATA"))
         metadata = file.read(name).decode()
         entry_points = file.read(name.replace("METADATA", "entry_points.txt")).decode()
-    assert "pfaffian = pfaffian.cli.main:main" in entry_points
+    assert "pfaffian = pfaffian.cli.entry:main" in entry_points
     required = {Requirement(r).name for r in re.findall(r"^Requires-Dist: (.*)", metadata, re.M)}
     assert {Requirement(r).name for r in PROJECT["project"]["dependencies"]} <= required
     assert "pfaffian" not in required

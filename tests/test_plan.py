@@ -318,7 +318,12 @@ REFUSED = {
     "an unknown rate": (("--speed-limit", "y=1"), "there is no y"),
     "a speed of nothing in particular": (("--speed-limit", "3"), "does not say of what"),
     "a speed twice": (("--speed-limit", "x=1,x=2"), "x is given twice"),
-    "an unknown weight": (("--weights", "power=1"), "--weights"),
+    "an unknown weight": (
+        ("--weights", "power=1"),
+        "--weights: there is no weight 'power'",
+    ),
+    "no weight": (("--weights", "power"), "--weights: 'power' is not of the form NAME=VALUE"),
+    "a weight twice": (("--weights", "time=1,time=2"), "--weights: time is given twice"),
     "a negative weight": (("--weights", "speed=-1"), "speed = -1 is no weight"),
     "torque for nothing": (("--weights", "effort=0,smoothness=0"), "not determined"),
     "three weights for four": (("--riccati", "1,1,1"), "3 weights for 4 states"),

@@ -274,7 +274,9 @@ def test_the_target_sets_the_same_position():
         module.run(state, raw)
         assert (module.rezero(state, angles, 3) == OK).all()
         rows.append(module.run(state, raw[:1]))
-    exact = (angles - [c.offset for c in channels]) / [2 * math.pi / c.counts_per_turn for c in channels]
+    exact = (angles - [c.offset for c in channels]) / [
+        2 * math.pi / c.counts_per_turn for c in channels
+    ]
     exact = exact * [c.direction for c in channels]
     assert (np.abs(rows[0].count[0] - exact) <= 0.5 + 1e-9 * np.abs(exact)).all()
     assert rows[0].count.tobytes() == rows[1].count.tobytes()

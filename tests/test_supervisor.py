@@ -141,7 +141,7 @@ IN_INPUT = {
     "one measure too many": ({"measures": 9}, Fault.INTERFACE),
     "measures garbled": ({"measures": 0xFFFFFFFF}, Fault.INTERFACE),
     **{f"check {b.name}": ({"checks": b}, Fault[b.name]) for b in Check},
-    **{f"unknown check {k}": ({"checks": 1 << k}, Fault.INTERFACE) for k in range(7, 32)},
+    **{f"unknown check {k}": ({"checks": 1 << k}, Fault.INTERFACE) for k in range(9, 32)},
 }
 AT_BALANCE = {
     name: (lambda unit, columns=columns: unit.run(1, **columns), fault)

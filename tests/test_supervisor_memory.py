@@ -96,3 +96,17 @@ def test_only_init_ends_a_fault_of_the_memory_and_the_log_survives_it():
     unit.state, status = HOST.init(unit.params)
     assert status == 0
     assert unit.run(1, command=START)["mode"] == SWING_UP
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_mode_changed_with_its_complement_is_a_fault(mode):
+    """The seal runs over every scalar: a change that the complements do not show is seen by it."""
+    for other in set(Mode) - {mode}:
+        unit = Unit().bring_to(mode)
+        unit.state["mode"], unit.state["mode_inverse"] = other, ~np.uint32(other)
+        assert expected(unit.run(1)[0])[:2] == (FAULT, Fault.STATE_CORRUPT)
+
+
+def test_the_seal_is_the_checksum_of_the_members_in_their_order():
+    unit = Unit().bring_to(BALANCE)
+    assert sealed(unit.state.copy())["seal"] == unit.state["seal"]

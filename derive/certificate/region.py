@@ -13,6 +13,8 @@ from pfaffian.runtime.errors import InputError
 
 Array = np.ndarray[Any, Any]
 
+#: Beyond this, in rad or rad/s, no region and no start means anything.
+_FARTHEST = 1000.0
 _FORM = "write q1=1:2,q2=0.6,rate=8: LOW:HIGH, or a half-width about the setpoint; rad and rad/s"
 
 
@@ -68,8 +70,8 @@ def _side(text: str, centre: float, where: str) -> tuple[float, float]:
         numbers = [float(first), float(second)] if colon else [float(first)]
     except ValueError as error:
         raise InputError(f"{where}: {text!r} is no number and no LOW:HIGH", remedy=_FORM) from error
-    if not all(math.isfinite(n) and abs(n) <= 1e3 for n in numbers):
-        raise InputError(f"{where}: {text!r} is not within 1000", remedy=_FORM)
+    if not all(abs(n) <= _FARTHEST for n in numbers):
+        raise InputError(f"{where}: {text!r} is not within {_FARTHEST:g}", remedy=_FORM)
     low, high = numbers if colon else (centre - numbers[0], centre + numbers[0])
     if not low <= high:
         raise InputError(f"{where}: {low:g} to {high:g} is empty", remedy=_FORM)
@@ -90,9 +92,9 @@ def parse_point(text: str, known: Mapping[str, float]) -> dict[str, float]:
             number = float(value)
         except ValueError:
             number = math.nan
-        if not math.isfinite(number):
+        if not abs(number) <= _FARTHEST:
             raise InputError(
-                f"--initial: {key}: {value!r} is no number",
+                f"--initial: {key}: {value!r} is no number within {_FARTHEST:g}",
                 remedy="write q1=1,q2=0.5,dq1=1,dq2=0 in rad and rad/s",
             )
         point[key] = number

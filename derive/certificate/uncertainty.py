@@ -30,7 +30,7 @@ def following_program(derivation: Derivation) -> Program:
     With several constraints they are numbered by row: `along1`, `a2_NAME`.
     """
     spec, constraint = derivation.spec, derivation.constraint
-    builder = BlockBuilder("following", f"{spec.title}: rate of beta")
+    builder = BlockBuilder("following", f"{spec.title}: rate of beta", spec.own)
     for c in spec.coordinates:
         builder.take(c.position, c.unit, c.description, "input")
     for c in spec.coordinates:
@@ -63,7 +63,7 @@ def assumption_block(derivation: Derivation) -> Block:
             remedy="certify a plant of two coordinates, or one with a diagonal mass matrix",
         )
     several = len(spec.actuators) > 1
-    builder = BlockBuilder("assumptions", f"{spec.title}: assumptions 1 and 2")
+    builder = BlockBuilder("assumptions", f"{spec.title}: assumptions 1 and 2", spec.own)
     for c in spec.coordinates:
         builder.take(c.position, c.unit, c.description, "input")
     for c in spec.coordinates:
@@ -78,13 +78,14 @@ def assumption_block(derivation: Derivation) -> Block:
         adb, matched = _define_gain(builder, derivation), sp.Matrix([_matched(derivation)])
         fhat = builder.define("fhat", matched[0], "(11)", "N*m")
     continuous = derivation.block("continuous")
-    law = continuous.expanded(sp.Symbol("regressor", real=True))
+    law = continuous.expanded(spec.own_symbol("regressor"))
     regressor = builder.define("regressor", law, "Pi, (47)")
     restraint = builder.define("restraint", spec.law.kappa * sp.Abs(adb), "kappa |ADB|")
-    for symbol in (adb, fhat, regressor, restraint):
-        builder.give(symbol.name, symbol, "", "of the assumptions")
+    named = {"adb": adb, "fhat": fhat, "regressor": regressor, "restraint": restraint}
+    for name, symbol in named.items():
+        builder.give(name, symbol, "", "of the assumptions")
     if several:
-        builder.give(DETERMINANT, sp.Symbol(DETERMINANT, real=True), "", "det ADB")
+        builder.give(DETERMINANT, spec.own_symbol(DETERMINANT), "", "det ADB")
     for x in (*spec.positions, *spec.velocities):
         slope = sp.diff(matched, x)
         slope = (

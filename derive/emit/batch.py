@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.emit.c import Body, body_of, c_literal, domain, pointers
+from pfaffian.derive.emit.c import Body, body_of, c_literal, dialect_of, domain, pointers
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bounds
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.local_names import C_PLANT_LOCALS, C_SAMPLE_LOCALS
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.structures import structures_of, witness_of
 from pfaffian.derive.program import Op, Signal
@@ -58,14 +59,17 @@ def _batch_name(emission: Emission, role: str) -> str:
 def _step(emission: Emission) -> tuple[Body, list[str]]:
     """Return the body of the step of one sample, and the values that say it is finite."""
     program, checks = with_checks(emission.step)
+    engaged = emission.model.own("engaged")
     member = pointers(
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
 
     def place(index: int, signal: Signal) -> str:
-        return "engaged" if signal.name == "engaged" else member(index, signal)
+        return "engaged" if signal.name == engaged else member(index, signal)
 
-    body = body_of(program, place, SAMPLE, input_bounds(emission.model))
+    reserved = C_SAMPLE_LOCALS - {engaged}  # the argument itself, unless a person has the name
+    dialect = dialect_of(emission.model, SAMPLE, reserved)
+    body = body_of(program, place, dialect, input_bounds(emission.model))
     return body, [body.results[name] for name in checks]
 
 
@@ -78,11 +82,13 @@ def emit_batch(emission: Emission) -> dict[str, str]:
     model = emission.model
     structures = structures_of(model, step=emission.step, prepare=emission.prepare)
     step, checked = _step(emission)
+    of_plant = dialect_of(model, SAMPLE, C_PLANT_LOCALS)
     plant = pointers(input="state", torque="input", parameter="params")
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     context: dict[str, object] = {
         "header": header,
         "model": model.name,
+        "own": model.own,
         "guard": model.name.upper(),
         "structures": {
             role: {"name": s.name, "names": s.names()} for role, s in structures.items()
@@ -101,9 +107,9 @@ def emit_batch(emission: Emission) -> dict[str, str]:
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": checked,
-        "witness": witness_of(structures),
+        "witness": witness_of(structures, emission.prepare),
         "next_state": [s.name for s in emission.step.outputs if s.group == "next_state"],
-        "acceleration": body_of(model.program("acceleration"), plant, SAMPLE),
+        "acceleration": body_of(model.program("acceleration"), plant, of_plant),
     }
     elementary = {"header": header, **model.elementary}
     return {

@@ -18,9 +18,15 @@ from pfaffian.derive.emit.emitter import (
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.local_names import C_PLANT_LOCALS
 from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.emit.precision import c_literal as c_literal
-from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
+from pfaffian.derive.emit.statements import (
+    Dialect,
+    Statement,
+    statements_of,
+    with_local_names,
+)
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.ranges import Range, unbounded
@@ -79,15 +85,25 @@ def body_of(
     What is read once is read where it is used; the rest just before: values that are read early
     and used late only fill registers.
     """
+    program = with_local_names(program, dialect.reserved)
     uses = Counter(a for i in program.instructions for a in i.args)
     uses.update(program.results)
-    places = {s.name: member(k, s) for k, s in enumerate(program.inputs) if uses[k]}
+    used = [
+        (i.name, s, member(k, s), uses[k] == 1)
+        for k, (i, s) in enumerate(zip(program.instructions, program.inputs, strict=False))
+        if uses[k]
+    ]
+    places = {name: place for name, _, place, _ in used}
     direct = {
-        s.name: places[s.name]
-        for k, s in enumerate(program.inputs)
-        if uses[k] == 1 and s.group in ("parameter", "prepared", "state", "baked")
+        name: place
+        for name, s, place, once in used
+        if once and s.group in ("parameter", "prepared", "state", "baked")
     }
-    truths = {name: f"({places[name]} != 0U)" for name in dialect.truths if name in places}
+    truths = {
+        name: f"({place} != 0U)"
+        for name, s, place, _ in used
+        if s.group == "state" and s.name in dialect.truths
+    }
     dialect = replace(dialect, truths=truths)
     statements, results = statements_of(program, dialect, inputs=direct, bounds=bounds)
     waiting = [n for n in places if n not in direct and n not in truths]
@@ -100,6 +116,17 @@ def body_of(
         lines += _statement_lines(statement, real)
     lines += [f"    const {real} {n} = {places[n]};" for n in waiting]
     return Body(tuple(lines), results)
+
+
+def dialect_of(
+    model: LoweredModel, dialect: Dialect, reserved: frozenset[str] = frozenset()
+) -> Dialect:
+    """Return `dialect` with its truth values under the names that `model` has for them.
+
+    `reserved` are further names that the function around the body has itself.
+    """
+    truths = {model.own(name): text for name, text in dialect.truths.items()}
+    return replace(dialect, truths=truths, reserved=dialect.reserved | reserved)
 
 
 def pointers(**sources: str) -> Callable[[int, Signal], str]:
@@ -168,6 +195,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     precision = emission.precision
+    inline, plain = (dialect_of(model, d) for d in (precision.inline, precision.dialect))
+    of_plant = dialect_of(model, precision.dialect, C_PLANT_LOCALS)
     structures = structures_of(
         model, precision.real, emission.step, emission.prepare, follow=bool(emission.plans)
     )
@@ -175,7 +204,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         input="input", state="state", prepared="state", parameter="params", baked="baked"
     )
     program, checks = with_checks(emission.step)
-    step = body_of(program, controller, precision.inline, input_bounds(model))
+    step = body_of(program, controller, inline, input_bounds(model))
     prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
     plant = pointers(input="state", torque="input", parameter="params")
@@ -186,6 +215,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         **precision.names(),
         "abi": ABI_VERSION,
         "model": model.name,
+        "own": model.own,
         "guard": model.name.upper(),
         "title": comment_text(model.title),
         "structures": {
@@ -193,7 +223,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
-        "witness": witness_of(structures),
+        "witness": witness_of(structures, emission.prepare),
         "sets": _set_contexts(emission, structures["params"]),
         "parameter_bounds": [
             *_bounds(model, structures["params"], precision),
@@ -211,12 +241,12 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "step": step,
         "checked": [step.results[name] for name in checks],
         "next_state": [s.name for s in program.outputs if s.group == "next_state"],
-        "prepare": body_of(restricted(prepare, "prepared"), controller, precision.dialect),
+        "prepare": body_of(restricted(prepare, "prepared"), controller, plain),
         "unbounded": unbounded(prepare, input_bounds(model)),
-        "start": body_of(restricted(prepare, "state"), controller, precision.dialect),
-        "continuous": body_of(model.program("continuous"), controller, precision.dialect),
-        "acceleration": body_of(model.program("acceleration"), plant, precision.dialect),
-        "energy": body_of(model.program("energy"), plant, precision.dialect),
+        "start": body_of(restricted(prepare, "state"), controller, plain),
+        "continuous": body_of(model.program("continuous"), controller, plain),
+        "acceleration": body_of(model.program("acceleration"), plant, of_plant),
+        "energy": body_of(model.program("energy"), plant, of_plant),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
     elementary = {"header": header, **emission.elementary()}

@@ -102,7 +102,7 @@ def _output(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field
     yield Field(
         "law", law["output"].name, "", "of the law in use, else of the balance law on trial"
     )
-    yield Field("energy_error", _REAL, "J", "energy less that of the goal")
+    yield Field(model.own("energy_error"), _REAL, "J", "energy less that of the goal")
     yield Field("form", _REAL, "", "quadratic form of the capture set")
     for name, text in (
         ("mode", "one of pf_mode_t"),
@@ -135,7 +135,7 @@ def emit_control(emission: Emission) -> dict[str, str]:
 def _context(emission: Emission) -> dict[str, object]:
     model = emission.model
     law, own = structures_of(model), control_structures(model)
-    outputs, states = law["output"].names(), law["state"].names()
+    states = law["state"].names()
     setpoint = body_of(model.program("setpoint"), pointers(parameter="law"), DOUBLE.dialect)
     members = [f for f in own["control_params"].fields if f.name not in ("law", "checksum")]
     doubles = [f.name for f in members if f.type == _REAL]
@@ -143,6 +143,7 @@ def _context(emission: Emission) -> dict[str, object]:
         "header": "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"]),
         "abi": ABI_VERSION,
         "model": model.name,
+        "own": model.own,
         "guard": model.name.upper(),
         "title": comment_text(model.title),
         "structures": {
@@ -168,16 +169,16 @@ def _context(emission: Emission) -> dict[str, object]:
         "tolerances": [n for n in doubles if n.startswith("plan_")],
         "fixed_encoder": _sums("encoder", [m for m in SENSING["params"] if m[0] in FIXED_ENCODER]),
         "form": form_names(model),
-        "residuals": [n for n in outputs if n == "s" or (n[0] == "s" and n[1:].isdigit())],
+        "residuals": model.own.numbered("s"),
         "threshold": "singular_threshold",
         "sample_time": "sample_time",
-        "nominal": {
-            a.name: "p1" if len(model.actuators) == 1 else f"p1_{a.name}" for a in model.actuators
-        },
+        "nominal": dict(
+            zip((a.name for a in model.actuators), model.own.of_actuators("p1"), strict=True)
+        ),
         "previous": [
-            (f"{a.name}_previous", a.name)
+            (name, a.name)
             for a in model.actuators
-            if f"{a.name}_previous" in states
+            if (name := model.own.previous(a.name)) in states
         ],
         "limits": [
             (a.name, limit, slew)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import keyword
 import math
-import re
 import sys
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,28 +21,13 @@ from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
 from pfaffian.derive.optimise.ranges import Range
 from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.program import TIME_NAME, Op, Program
+from pfaffian.derive.program import TIME_NAME, Program
 from pfaffian.runtime.cache import cache_folder
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.manifest import ABI_VERSION
 
-#: Words of C99 and C++11 that no generated name may be, and names the templates use themselves.
-_C_WORDS = """
-    alignas alignof and and_eq asm auto bitand bitor bool break case catch char class compl const
-    const_cast constexpr continue decltype default delete do double dynamic_cast else enum explicit
-    export extern false float for friend goto if inline int long mutable namespace new noexcept not
-    not_eq nullptr operator or or_eq private protected public register reinterpret_cast restrict
-    return short signed sizeof static static_assert static_cast struct switch template this
-    thread_local throw true try typedef typeid typename union unsigned using virtual void volatile
-    wchar_t while xor xor_eq
-"""
-_OWN_WORDS = """
-    advanced applied dataclass finite good input limited measured np output params prepared rate
-    state status time valid zero
-"""
 #: Largest |time| in seconds taken as a measurement of a time-varying constraint: thirty years.
 TIME_BOUND = 1e9
-_RESERVED = frozenset((*_C_WORDS.split(), *_OWN_WORDS.split(), *keyword.kwlist))
 
 #: Files of the elementary functions of double; each has a template of its name.
 ELEMENTARY_FILES = DOUBLE.elementary_files
@@ -88,18 +70,12 @@ class Emission:
         return self.baked.prepare if self.baked else self.model.program("prepare")
 
     def __post_init__(self) -> None:
-        """Refuse names that no compiler would take, or that would hide one another.
-
-        A baked step belongs to one parameter set.
-        """
+        """Refuse sets whose names would hide one another; a baked step belongs to one."""
         if self.bake and len(self.sets) != 1:
             raise InputError(
                 f"model {self.model.name}: {len(self.sets)} parameter sets to fold into one step",
                 remedy="name one with --set or --params",
             )
-        _check_name(self.model.name, self.model.name)
-        for program in (*self.model.programs, *self.jacobians):
-            _check_program(self.model.name, program)
         _check_sets(self.sets)
         taken = [n for n in ("step", "swing_up") if self.model.has_program(n)]
         for s in self.sets:
@@ -182,31 +158,6 @@ _ENVIRONMENT = _environment()
 def fill(template: str, context: Mapping[str, object]) -> str:
     """Fill `template` (path below `templates/`) with a complete set of keys."""
     return _ENVIRONMENT.get_template(template).render(**context)
-
-
-def _check_name(model: str, name: str) -> None:
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-        what, remedy = "is no identifier in C", "use ASCII letters, digits and underscores"
-    elif name in _RESERVED or name.lower().startswith("pf_"):
-        what, remedy = "is a name the generated code needs itself", "rename it"
-    else:
-        return
-    raise InputError(f"model {model}: {name} {what}", remedy=remedy, about=name)
-
-
-def _check_program(model: str, program: Program) -> None:
-    inputs = [s.name for s in program.inputs]
-    for name in inputs:
-        if name != TIME_NAME:
-            _check_name(model, name)
-    named = {i.name for i in program.instructions if i.name and i.op is not Op.INPUT}
-    twice = [n for n, count in Counter(inputs).items() if count > 1 or n in named]
-    if twice:
-        raise InputError(
-            f"model {model}: {twice[0]} names two different values of {program.name}",
-            remedy="rename your coordinate, actuator or parameter",
-            about=twice[0],
-        )
 
 
 def _check_sets(sets: tuple[ParameterSet, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pfaffian.derive.emit.c import body_of, domain, pointers
+from pfaffian.derive.emit.c import body_of, dialect_of, domain, pointers
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bounds, snake
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.plan_table import PlanTable, reference_members
@@ -21,7 +21,7 @@ def emit_follow(emission: Emission) -> dict[str, str]:
         parameter="params",
         reference="reference",
     )
-    body = body_of(program, reader, precision.inline, input_bounds(model))
+    body = body_of(program, reader, dialect_of(model, precision.inline), input_bounds(model))
     reference = structures["reference"]
     count, n = len(reference.fields), len(model.coordinates)
     rows = (count - 3 * n) // 2
@@ -31,12 +31,13 @@ def emit_follow(emission: Emission) -> dict[str, str]:
         "header": "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"]),
         **precision.names(),
         "model": model.name,
+        "own": model.own,
         "guard": model.name.upper(),
         "reference": reference.name,
         "members": [{"name": m, "text": comment_text(_described(*units[m]))} for m in names],
         "domain": domain(model, precision),
         "limits": model.limits,
-        "witness": witness_of(structures),
+        "witness": witness_of(structures, emission.prepare),
         "outputs": structures["output"].names(),
         "step": body,
         "checked": [body.results[name] for name in checks],

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfaffian.derive.emit.c import Body, body_of, wrap_line
+from pfaffian.derive.emit.c import Body, body_of, dialect_of, wrap_line
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill
+from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.python import python_body
 from pfaffian.derive.emit.structures import structures_of
+from pfaffian.derive.own_names import derivative_name
 from pfaffian.derive.program import PLANT_PARAMETER, PLANT_PREFIX, Program, Signal
 
 #: Where each program finds its inputs: the group, and the argument that holds it. The groups are
@@ -64,7 +66,8 @@ def _member(program: Program, signal: Signal) -> str:
 
 def _function(emission: Emission, program: Program) -> _Function:
     structures = structures_of(emission.model)
-    body = body_of(program, lambda _, signal: _member(program, signal))
+    dialect = dialect_of(emission.model, DOUBLE.dialect)
+    body = body_of(program, lambda _, signal: _member(program, signal), dialect)
     text = "\n".join((*body.lines, *body.results.values()))
     arguments = tuple((n, structures[role].name) for n, role, _ in _ARGUMENTS[program.name])
     return _Function(
@@ -109,13 +112,7 @@ def _c_context(emission: Emission) -> dict[str, object]:
 
 def _python_function(program: Program) -> dict[str, object]:
     sources = _source(program)
-    body = python_body(program, sources)
-    used = {a for i in program.instructions for a in i.args} | set(program.results)
-    body["loads"] = [
-        f"{s.name} = {_member(program, s).replace('->', '.')}"
-        for k, s in enumerate(program.inputs)
-        if k in used
-    ]
+    body = python_body(program, sources, lambda s: _member(program, s).replace("->", "."))
     return {
         "name": program.name,
         "class": "".join(word.capitalize() for word in program.name.split("_")),
@@ -134,8 +131,10 @@ def _python_context(emission: Emission) -> dict[str, object]:
     by_name = {p.name: p for p in emission.jacobians}
     coordinates = [c.name for c in model.coordinates]
     closed = by_name["closed_loop_jacobian"].inputs
-    functions = {s.name.split("_by_")[0]: s for s in by_name["closed_loop_jacobian"].outputs}
-    own = [name.removesuffix("_rate") for name in functions if name.endswith("_rate")]
+    made = {s.name for s in by_name["closed_loop_jacobian"].outputs}
+    states = [s.name for s in closed if s.group == "state"]
+    rates = {n: model.own(f"{n}_rate") for n in states}
+    moving = [n for n in states if derivative_name(rates[n], coordinates[0]) in made]
     return {
         "header": emission.banner(),
         "title": comment_text(model.title),
@@ -143,7 +142,9 @@ def _python_context(emission: Emission) -> dict[str, object]:
         "functions": [_python_function(p) for p in emission.jacobians],
         "coordinates": coordinates,
         "actuators": [a.name for a in model.actuators],
-        "own_states": [n for n in own if any(s.name == n for s in closed)],
+        "own_states": moving,
+        "own_rates": [rates[n] for n in moving],
+        "default_rates": [f"{n}_rate" for n in moving],
     }
 
 

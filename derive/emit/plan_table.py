@@ -170,7 +170,7 @@ def _scale(model: LoweredModel, chosen: ParameterSet, last: Mapping[str, float])
     values |= evaluate(model.program("prepare"), values)
     follow = model.program("follow")
     state = {s.name: 0.0 for s in follow.inputs if s.group == "state"}
-    there = evaluate(follow, {**state, **values, **last})["adb"]
+    there = evaluate(follow, {**state, **values, **last})[model.own("adb")]
     ratio = abs(wanted / there) if there else math.inf
     if not math.isfinite(ratio) or ratio == 0.0:
         raise InputError(

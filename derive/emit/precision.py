@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from pfaffian.derive.emit.local_names import C_LOCALS
 from pfaffian.derive.emit.statements import Dialect
 from pfaffian.derive.parameter_set import ParameterSet
 from pfaffian.derive.parameters import Parameter
@@ -113,7 +114,7 @@ class Precision:
             "f": self.suffix,
             "guard_f": self.suffix.upper(),
             "step_header": self.step_header,
-            "bits": 32 if self.suffix else 64,
+            "bits": "32" if self.suffix else "64",
             "largest": self.literal(LARGEST_SINGLE if self.suffix else sys.float_info.max),
         }
 
@@ -161,6 +162,7 @@ _DOUBLE_DIALECT = Dialect(
     literal=c_literal,
     sincos="pf_sincos",
     truths={"engaged": ""},
+    reserved=C_LOCALS,
 )
 
 #: The step calls what it needs often as inline functions: same bits, no call.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pfaffian.derive.emit.emitter import (
     Emission,
     comment_text,
@@ -12,11 +14,12 @@ from pfaffian.derive.emit.emitter import (
     snake,
 )
 from pfaffian.derive.emit.finite import with_checks
+from pfaffian.derive.emit.local_names import PYTHON_LOCALS
 from pfaffian.derive.emit.precision import DOUBLE
-from pfaffian.derive.emit.statements import Dialect, Statement, statements_of
+from pfaffian.derive.emit.statements import Dialect, Statement, statements_of, with_local_names
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.optimise.ranges import unbounded
-from pfaffian.derive.program import Op, Program
+from pfaffian.derive.program import Op, Program, Signal
 
 DIALECT = Dialect(
     patterns={
@@ -42,6 +45,7 @@ DIALECT = Dialect(
         Op.SELECT: "np.where({0}, {1}, {2})",
     },
     literal=repr,
+    reserved=PYTHON_LOCALS,
 )
 
 
@@ -55,11 +59,21 @@ def _line(statement: Statement) -> str:
     return f"{statement.name} = {statement.expression}{comment}"
 
 
-def python_body(program: Program, sources: dict[str, str]) -> dict[str, object]:
-    """Return loads, lines and result expressions of `program`; `sources` name what is read."""
+def python_body(
+    program: Program,
+    sources: dict[str, str],
+    member: Callable[[Signal], str] | None = None,
+) -> dict[str, object]:
+    """Return loads, lines and result expressions of `program`; `sources` name what is read.
+
+    An input is read as a double from its group's source, or as it is from `member`.
+    """
+    program = with_local_names(program, DIALECT.reserved)
     used = {a for i in program.instructions for a in i.args} | set(program.results)
     loads = [
-        f"{s.name} = np.float64({sources[s.group]}.{s.name})"  # an array stays one, uncopied
+        f"{program.instructions[index].name} = "
+        # An array stays one, uncopied.
+        + (member(s) if member else f"np.float64({sources[s.group]}.{s.name})")
         for index, s in enumerate(program.inputs)
         if index in used
     ]
@@ -89,6 +103,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "title": comment_text(model.title),
         "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
+        "own": model.own,
         "classes": [
             {
                 "name": _class_name(role),
@@ -103,7 +118,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             }
             for role, s in structures.items()
         ],
-        "witness": witness_of(structures),
+        "witness": witness_of(structures, emission.prepare),
         "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
         "sets": [
             {

@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 from pfaffian.derive.optimise.ranges import Range, plain_calls
 from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, without_dead
 
+#: What a local variable is called by whose own name means something else in its function.
+LOCAL_SUFFIX = "_value"
 _SUM, _PRODUCT, _UNARY, _ATOM = 1, 2, 3, 4
 
 
@@ -32,6 +34,8 @@ class Dialect:
     plain_sincos: str = ""
     #: Inputs that are truth values, and how their truth is written.
     truths: Mapping[str, str] = field(default_factory=dict)
+    #: What the functions around the statements name themselves: no value is held under such a name.
+    reserved: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class _Writer:
         self.texts: list[_Text] = []
         self.statements: list[Statement] = []
         self.renamed = renamed
-        self.taken = {s.name for s in program.inputs} | {i.name for i in program.instructions}
+        self.taken = {i.name for i in program.instructions} | dialect.reserved
         self.paired = self._sine_cosine_pairs() if dialect.sincos else {}
         self.done_pairs: dict[int, tuple[str, str]] = {}
 
@@ -210,6 +214,26 @@ class _Writer:
         return part.text if part.precedence >= least else f"({part.text})"
 
 
+def with_local_names(program: Program, reserved: frozenset[str]) -> Program:
+    """Return `program` with no value named as one of `reserved`, or as another value.
+
+    What is held in a variable of its own may have any name; inputs and outputs keep theirs where
+    they are members of structures.
+    """
+    wanted = {i.name for i in program.instructions if i.name}
+    taken: set[str] = set()
+    instructions = []
+    for instruction in program.instructions:
+        name = instruction.name
+        while name and (
+            name in reserved or name in taken or (name != instruction.name and name in wanted)
+        ):
+            name += LOCAL_SUFFIX
+        taken.add(name)
+        instructions.append(replace(instruction, name=name))
+    return replace(program, instructions=tuple(instructions))
+
+
 def flags_as_truths(program: Program) -> Program:
     """Return `program` with each flag (c ? 1 : 0) replaced by c itself."""
 
@@ -242,11 +266,13 @@ def statements_of(
     Flags come as truth values. `inputs` says how those inputs are written that are not read into
     a variable of their own name; `bounds` between what bounds inputs lie.
     """
-    program = flags_as_truths(program)
+    program = with_local_names(flags_as_truths(program), dialect.reserved)
     writer = _Writer(program, dialect, renamed or {}, inputs or {}, bounds or {})
     statements = tuple(writer.write())
     results = {
-        signal.name: (writer.truth_of(index) if signal.group == "flag" else writer.texts[index]).text
+        signal.name: (
+            writer.truth_of(index) if signal.group == "flag" else writer.texts[index]
+        ).text
         for signal, index in zip(program.outputs, program.results, strict=True)
     }
     return statements, results

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import TIME_NAME, Program, Signal
+from pfaffian.derive.program import TIME_NAME, Op, Program, Signal
 from pfaffian.runtime.manifest import Field, Structure
 
 STATUS = (
     *("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC"),
     *("NOT_READY", "BAD_ARITHMETIC"),
 )
-#: A member of the state that init makes positive: where it is not, the state was not prepared.
-WITNESS = "half_sample_time"
 STATUS_TEXT = {
     "OK": "the law was applied as derived",
     "SATURATED": "the torque is at its limit; integral and adaptation are held",
@@ -26,15 +24,28 @@ STATUS_TEXT = {
 }
 
 
-def witness_of(structures: Mapping[str, Structure]) -> str:
-    """Return the member of the state that says whether it was prepared; empty where none can."""
-    return WITNESS if WITNESS in structures["state"].names() else ""
+def witness_of(structures: Mapping[str, Structure], prepare: Program) -> str:
+    """Return the member of the state that says whether it was prepared; empty where none can.
+
+    That is half the sample time, which is positive wherever `init` accepts the parameters.
+    """
+    for signal, index in zip(prepare.outputs, prepare.results, strict=True):
+        made = prepare.instructions[index]
+        given = [prepare.instructions[a] for a in made.args]
+        halves = made.op is Op.MUL and any(i.op is Op.CONST and i.value > 0.0 for i in given)
+        if halves and any(i.op is Op.INPUT and i.name == "sample_time" for i in given):
+            return signal.name if signal.name in structures["state"].names() else ""
+    return ""
 
 
-def _fields(signals: list[Signal], real: str) -> tuple[Field, ...]:
-    unique = {s.name: s for s in signals}
+def _fields(signals: list[Signal], real: str, truth: str = "") -> tuple[Field, ...]:
+    """Return the members that hold `signals`; the one called `truth` is no real number."""
+    unique: dict[str, Signal] = {}
+    for s in signals:
+        if unique.setdefault(s.name, s) != s:
+            raise ValueError(f"two members called {s.name}: {unique[s.name]} and {s}")
     return tuple(
-        Field(s.name, "uint32_t" if s.name == "engaged" else real, s.unit, s.description)
+        Field(s.name, "uint32_t" if s.name == truth else real, s.unit, s.description)
         for s in unique.values()
     )
 
@@ -79,7 +90,7 @@ def structures_of(
     roles = {
         "params": parameters(*whole, continuous, *swing_up),
         "input": motion + _fields(timed, real),
-        "state": _fields(state, real),
+        "state": _fields(state, real, model.own("engaged")),
         "output": _fields(outputs, real),
         "continuous_state": _fields(_group(continuous, "state"), real),
         "continuous_output": _fields(list(continuous.outputs), real),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from pfaffian.derive.lowered import PassReport
 from pfaffian.derive.optimise.angle_sums import reuse_angle_sums
@@ -42,15 +42,20 @@ PASSES: tuple[tuple[str, Callable[[Program], Program]], ...] = (
 )
 
 
-def optimise(programs: Sequence[Program]) -> tuple[tuple[Program, ...], tuple[PassReport, ...]]:
-    """Return the programs with the emitted ones optimised, and what each pass did."""
+def optimise(
+    programs: Sequence[Program], declared: Iterable[str] = ()
+) -> tuple[tuple[Program, ...], tuple[PassReport, ...]]:
+    """Return the programs with the emitted ones optimised, and what each pass did.
+
+    What moves into the preparation gets no name that is `declared`.
+    """
     reports: list[PassReport] = []
     found = {p.name: p for p in programs}
     emitted = (*EMITTED, *(name for name in OPTIONAL if name in found))
     for name in emitted:
         for title, run in PASSES:
             found[name] = _reported(found[name], title, run, reports)
-    step, prepare = hoist(found["step"], found["prepare"])
+    step, prepare = hoist(found["step"], found["prepare"], declared)
     reports.append(PassReport("step", "prepared once", _size(found["step"]), _size(step)))
     found["step"], found["prepare"] = step, merge_equal_values(prepare)
     for name in emitted:

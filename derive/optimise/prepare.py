@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 
 from pfaffian.derive.optimise.tape import Tape, finished, fixed_values
@@ -26,11 +27,11 @@ _FIRST_ALIKE = {
 _PURE = LOGICAL | {Op.CONST, Op.SIGN, Op.SIN, Op.COS, Op.ATAN, Op.EXP, Op.EXPM1, Op.TANH}
 
 
-def hoist(step: Program, prepare: Program) -> tuple[Program, Program]:
+def hoist(step: Program, prepare: Program, declared: Iterable[str] = ()) -> tuple[Program, Program]:
     """Return (step, prepare) with every value of parameters alone computed in `prepare`.
 
     The step takes them as inputs of the group `prepared`. Only what the rest of the step uses
-    directly moves; constants stay where they are.
+    directly moves; constants stay where they are. No value gets a name that is `declared`.
     """
     fixed = fixed_values(step)
     wanted = _frontier(step, fixed)
@@ -38,6 +39,7 @@ def hoist(step: Program, prepare: Program) -> tuple[Program, Program]:
         return step, prepare
     taken = {s.name for s in (*step.inputs, *prepare.inputs, *prepare.outputs)}
     taken |= {i.name for p in (step, prepare) for i in p.instructions if i.name}
+    taken |= set(declared)
     signals = _signals(step, wanted, taken, _units(step, prepare, fixed))
     return _without(step, wanted, signals), _extended(prepare, step, wanted, signals)
 
@@ -63,7 +65,7 @@ def _signals(
         base = own.name or names[index]
         if not re.fullmatch(r"[A-Za-z]\w*", base) or len(base) > _LONGEST:
             base = next(n for k in itertools.count(1) if (n := f"prepared{k}") not in taken)
-        name = next(n for k in itertools.count() if (n := base + "_" * k) not in taken or k > 8)
+        name = next(n for k in itertools.count() if (n := base + "_" * k) not in taken)
         taken.add(name)
         said = _COMMENT.fullmatch(own.comment)
         text, unit = said.groups() if said else (own.comment, None)

@@ -21,7 +21,7 @@ from pfaffian.derive.plan.riccati import RowPath
 from pfaffian.derive.plan.shooting import Trajectory
 from pfaffian.runtime.documents import shown
 from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.files import write_whole
+from pfaffian.runtime.files import write_outputs
 
 Array = NDArray[np.float64]
 FORMAT = "pfaffian plan 1"
@@ -96,12 +96,7 @@ def _sections(plan: Plan) -> Iterator[tuple[str, Any]]:
 
 def write_plan(plan: Plan, path: Path) -> None:
     """Write `plan` into `path`, whole or not at all; raise `InputError` where that fails."""
-    try:
-        write_whole(path, plan_text(plan).encode())
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror})", remedy="choose another -o"
-        ) from error
+    write_outputs({path: plan_text(plan).encode()})
 
 
 def read_plan(path: Path) -> Plan:

@@ -107,6 +107,7 @@ def _block_function(derivation: Derivation, known: Mapping[sp.Symbol, float]) ->
         [*spec.positions, *spec.velocities, *torques, *used],
         list(block.results),
         modules=[_OWN, "math"],
+        dummify=True,  # an argument may be called as a function is
         cse=lambda _: ([(d.symbol, d.expression) for d in block.definitions], list(block.results)),
     )
     bound = [known[s] for s in used]
@@ -119,7 +120,7 @@ def _function(
     """Return a function of the arguments; the parameters are bound by name, not written in."""
     used = sorted(set().union(*(v.free_symbols for v in values)) - set(arguments), key=str)
     bound = [known[s] for s in used]
-    raw = sp.lambdify([*arguments, *used], values, modules=[_OWN, "math"], cse=True)
+    raw = sp.lambdify([*arguments, *used], values, modules=[_OWN, "math"], dummify=True, cse=True)
     return lambda *at: raw(*at, *bound)
 
 

@@ -110,11 +110,17 @@ def _weights(text: str) -> Weights:
     found: dict[str, float] = {}
     for part in text.split(",") if text else []:
         name, separator, value = (p.strip() for p in part.partition("="))
-        if not separator or name not in known:
+        if not separator:
             raise InputError(
                 f"--weights: {shown(part)} is not of the form NAME=VALUE",
                 remedy=suggestion(name, known),
             )
+        if name not in known:
+            raise InputError(
+                f"--weights: there is no weight {shown(name)}", remedy=suggestion(name, known)
+            )
+        if name in found:
+            raise InputError(f"--weights: {name} is given twice", remedy="leave one of them out")
         found[name] = _number(value, f"--weights: {name}", "give a number")
     return Weights(**found)
 

@@ -150,6 +150,6 @@ def _step(symbol: sp.Symbol, expression: sp.Basic, sign: Any = sp.sign) -> _Step
     return _Step(
         symbol.name,
         tuple(s.name for s in needs),
-        sp.lambdify(needs, expression, modules=NUMPY),
-        tuple(sp.lambdify(needs, slope, modules=NUMPY) for slope in slopes),
+        sp.lambdify(needs, expression, modules=NUMPY, dummify=True),
+        tuple(sp.lambdify(needs, slope, modules=NUMPY, dummify=True) for slope in slopes),
     )

@@ -110,7 +110,7 @@ def _compiled(
     symbol: sp.Symbol | None, expression: sp.Basic, namespace: Mapping[str, Any]
 ) -> _Compiled:
     needs = sorted(expression.free_symbols, key=lambda s: s.name)
-    function = sp.lambdify(needs, expression, modules=[dict(namespace), "mpmath"])
+    function = sp.lambdify(needs, expression, modules=[dict(namespace), "mpmath"], dummify=True)
     return (symbol.name if symbol else "", function, tuple(s.name for s in needs))
 
 

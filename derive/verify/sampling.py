@@ -92,19 +92,20 @@ def _wide(
 ) -> dict[str, Array]:
     """Draw over the whole stated domain: angles evenly, magnitudes evenly in their logarithm."""
     bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
-    domain = dict(measured_bounds(model))
+    domain, own = dict(measured_bounds(model)), model.own
     values = {}
     for signal in inputs:
         if signal.name in domain:
             values[signal.name] = rng.uniform(-1.0, 1.0, count) * domain[signal.name]
-        elif signal.name == "engaged":
+        elif signal.name == own("engaged"):
             values[signal.name] = rng.integers(0, 2, count).astype(float)
-        elif signal.name == "leakage_decay":
+        elif signal.name == own("leakage_decay"):
             values[signal.name] = rng.uniform(0.0, 1.0, count)
         elif signal.group == "parameter":
             values[signal.name] = _within(*bounds[signal.name], count, rng)
         else:
-            low = 0.0 if signal.name in ("bound_estimate", "adaptation_step") else -_LARGE
+            positive = (own("bound_estimate"), own("adaptation_step"))
+            low = 0.0 if signal.name in positive else -_LARGE
             values[signal.name] = _within(low, _LARGE, count, rng)
     return values
 
@@ -140,7 +141,7 @@ def _near(
             values[signal.name] = np.clip(around, *bounds[signal.name])
         elif signal.group in ("input", "torque"):
             values[signal.name] = rng.normal(0.0, 3.0, count)
-        elif signal.name in ("engaged", "leakage_decay"):
+        elif signal.name in (model.own("engaged"), model.own("leakage_decay")):
             values[signal.name] = wide[signal.name]
         else:
             values[signal.name] = np.abs(rng.normal(0.0, 3.0, count)) * np.sign(wide[signal.name])
@@ -159,7 +160,9 @@ def _angles(block: Block) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
     for angle in taken:
         needs = sorted(angle.free_symbols, key=lambda s: s.name)
         if set(needs) <= set(block.symbols):
-            rows.append((tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy")))
+            rows.append(
+                (tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy", dummify=True))
+            )
     return rows
 
 

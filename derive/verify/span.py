@@ -61,7 +61,7 @@ class NamedValues:
         for d in block.definitions:
             expression = d.expression.xreplace(swapped)
             needs = sorted(expression.free_symbols, key=lambda s: s.name)
-            function = sp.lambdify(needs, expression, modules=NUMPY)
+            function = sp.lambdify(needs, expression, modules=NUMPY, dummify=True)
             self._steps.append((d.symbol.name, [s.name for s in needs], function))
 
     def __call__(self, inputs: Mapping[str, Array]) -> dict[str, Array]:

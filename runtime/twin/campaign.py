@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.scenario import find_scenario
+from pfaffian.runtime.scenario_files import find_scenario
 from pfaffian.runtime.twin.controllers import CONTROLLERS
 from pfaffian.runtime.twin.flight import fly_twin
 from pfaffian.runtime.twin.read import twin_of
@@ -87,7 +87,8 @@ def campaign_paths() -> dict[str, Path]:
 def read_campaign(reference: str) -> Campaign:
     """Read the campaign called `reference`, or the one in that file.
 
-    Raises `InputError` for an unknown campaign, scenario or key, and an axis without points.
+    Raises `InputError` for an unknown campaign, scenario or key, an axis without points, and a name
+    that two axes or two points of one have.
     """
     known = campaign_paths()
     path = known.get(reference, Path(reference))
@@ -98,6 +99,7 @@ def read_campaign(reference: str) -> Campaign:
     scenario = find_scenario(str(document["scenario"]))
     base = _merged(read_toml(scenario), _table(document, "change", f"{path}"))
     axes = [_points(axis, f"{path}: axis {k + 1}") for k, axis in enumerate(_axes(document, path))]
+    _check_distinct([axis[0][0] for axis in axes], "axes", f"{path}")
     cases = []
     for combination in itertools.product(*axes):
         changed = base
@@ -131,7 +133,17 @@ def _points(axis: Any, where: str) -> list[tuple[str, str, Document]]:
             raise InputError(f"{here} is no table", remedy="write [[axis.point]]")
         _check(point, _POINT, ("name",), here)
         found.append((str(axis["name"]), str(point["name"]), _table(point, "change", here)))
+    _check_distinct([name for _, name, _ in found], "points", where)
     return found
+
+
+def _check_distinct(names: list[str], what: str, where: str) -> None:
+    """Refuse names that are empty or given twice: cases would not be told apart by them."""
+    for k, name in enumerate(names):
+        if not name.strip():
+            raise InputError(f"{where}: one of its {what} has no name", remedy="give it one")
+        if name in names[:k]:
+            raise InputError(f"{where}: two {what} are called {name}", remedy="rename one of them")
 
 
 def _check(

@@ -9,7 +9,7 @@ import numpy as np
 from pfaffian.runtime.errors import CheckError, InputError
 from pfaffian.runtime.generated_model import GeneratedModel
 from pfaffian.runtime.twin.control import Command, ControlUnit, FlippableUnit
-from pfaffian.runtime.twin.recording import Fingerprint, Flight, Recorder, Wanted
+from pfaffian.runtime.twin.recording import Fingerprint, Flight, Recorder, Wanted, own_signal
 from pfaffian.runtime.twin.rig import Rigs, plant_model
 from pfaffian.runtime.twin.schedule import Schedule
 from pfaffian.runtime.twin.sensors import Sensors
@@ -79,11 +79,13 @@ class Twin:
 
     def _energy(self, recorder: Recorder) -> dict[str, Array]:
         """Return the energy of the recorded rigs before the turn, if it is wanted."""
-        return {"energy": self.rigs.energy(recorder.rigs)} if recorder.wants("energy") else {}
+        name = own_signal(self.scenario, "energy")
+        return {name: self.rigs.energy(recorder.rigs)} if recorder.wants(name) else {}
 
     def _applied(self, rigs: Array) -> dict[str, Array]:
         names = self.scenario.actuators
-        return {f"{n}_applied": self.rigs.applied[rigs, k] for k, n in enumerate(names)}
+        own = [own_signal(self.scenario, f"{n}_applied") for n in names]
+        return {n: self.rigs.applied[rigs, k] for k, n in enumerate(own)}
 
     def _flip(self, unit: ControlUnit, before: Array, period: Array) -> None:
         """Flip the bits that are due since the turn before."""

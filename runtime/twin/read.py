@@ -13,7 +13,8 @@ from pathlib import Path
 from pfaffian.runtime.c_layout import BALANCE_LAWS, SWING_UP_LAWS
 from pfaffian.runtime.documents import read_toml
 from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.scenario import Scenario, check_plant, find_scenario, scenario_of
+from pfaffian.runtime.scenario import Scenario, check_plant, scenario_of
+from pfaffian.runtime.scenario_files import find_scenario
 from pfaffian.runtime.sensing import Encoder
 from pfaffian.runtime.twin import events
 from pfaffian.runtime.twin.controllers import CONTROLLERS

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pfaffian.runtime.documents import suggestion
 from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.given_names import given_away
 from pfaffian.runtime.twin.control import Command, Reading
 from pfaffian.runtime.twin.settings import TwinScenario
 from pfaffian.runtime.twin.statistics import Statistics
@@ -154,19 +156,30 @@ class Recorder:
         return Flight(self._scenario, rigs, self._time, self._logs, statistics, digests)
 
 
+def own_signal(scenario: TwinScenario, name: str) -> str:
+    """Return the name of a signal of ours, beside the coordinates and actuators of `scenario`."""
+    rates = (f"d{c}" for c in scenario.coordinates)
+    return given_away(name, (*scenario.coordinates, *rates, *scenario.actuators))
+
+
 def _signals(scenario: TwinScenario, reading: Reading, command: Command) -> dict[str, Array]:
-    """Return all signals of a turn that reading and command hold, (N,) by name."""
+    """Return all signals of a turn that reading and command hold, (N,) by name.
+
+    A name of ours that a coordinate or actuator has gives way.
+    """
     found: dict[str, Array] = {}
+    own = partial(own_signal, scenario)
     n = len(scenario.coordinates)
     for k, name in enumerate(scenario.coordinates):
         found[name], found[f"d{name}"] = reading.truth[:, k], reading.truth[:, n + k]
-        found[f"angle_{name}"] = command.angle[:, k]
-        found[f"velocity_{name}"] = command.velocity[:, k]
-        found[f"counts_{name}"], found[f"valid_{name}"] = reading.counts[:, k], reading.valid[:, k]
+        found[own(f"angle_{name}")] = command.angle[:, k]
+        found[own(f"velocity_{name}")] = command.velocity[:, k]
+        found[own(f"counts_{name}")] = reading.counts[:, k]
+        found[own(f"valid_{name}")] = reading.valid[:, k]
     for k, name in enumerate(scenario.actuators):
         found[name] = command.torque[:, k]
     for name in ("elapsed", "frame", "heartbeat", "command"):
-        found[name] = getattr(reading, name)
+        found[own(name)] = getattr(reading, name)
     return {**found, "mode": command.mode, "fault": command.fault, **command.signals}
 
 

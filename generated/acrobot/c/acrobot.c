@@ -178,7 +178,7 @@ acrobot_status_t acrobot_restart(acrobot_state_t *state,
 acrobot_status_t acrobot_init(acrobot_state_t *state,
     const acrobot_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return ACROBOT_BAD_ARITHMETIC;
     }

@@ -164,7 +164,7 @@ cart_pole_status_t cart_pole_restart(cart_pole_state_t *state,
 cart_pole_status_t cart_pole_init(cart_pole_state_t *state,
     const cart_pole_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return CART_POLE_BAD_ARITHMETIC;
     }

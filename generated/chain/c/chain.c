@@ -230,7 +230,7 @@ chain_status_t chain_restart(chain_state_t *state,
 chain_status_t chain_init(chain_state_t *state,
     const chain_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return CHAIN_BAD_ARITHMETIC;
     }

@@ -157,7 +157,7 @@ crane_status_t crane_restart(crane_state_t *state,
 crane_status_t crane_init(crane_state_t *state,
     const crane_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return CRANE_BAD_ARITHMETIC;
     }

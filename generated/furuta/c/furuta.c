@@ -194,7 +194,7 @@ furuta_status_t furuta_restart(furuta_state_t *state,
 furuta_status_t furuta_init(furuta_state_t *state,
     const furuta_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return FURUTA_BAD_ARITHMETIC;
     }

@@ -163,7 +163,7 @@ pvtol_status_t pvtol_restart(pvtol_state_t *state,
 pvtol_status_t pvtol_init(pvtol_state_t *state,
     const pvtol_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return PVTOL_BAD_ARITHMETIC;
     }

@@ -181,7 +181,7 @@ reaction_wheel_status_t reaction_wheel_restart(reaction_wheel_state_t *state,
 reaction_wheel_status_t reaction_wheel_init(reaction_wheel_state_t *state,
     const reaction_wheel_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return REACTION_WHEEL_BAD_ARITHMETIC;
     }

@@ -155,7 +155,7 @@ tora_status_t tora_restart(tora_state_t *state,
 tora_status_t tora_init(tora_state_t *state,
     const tora_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return TORA_BAD_ARITHMETIC;
     }

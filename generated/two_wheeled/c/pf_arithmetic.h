@@ -47,7 +47,7 @@ static inline uint64_t pf_arithmetic_differs(double value, uint64_t bits)
     return seen.bits ^ bits;
 }
 
-/* Read from volatile memory: of what a compiler works out beforehand the processor proves nothing. */
+/* Read as if it were volatile: what a compiler works out beforehand proves nothing of the processor. */
 static inline double pf_arithmetic_operand(const volatile uint64_t *bits)
 {
     pf_arithmetic_t seen;
@@ -56,10 +56,21 @@ static inline double pf_arithmetic_operand(const volatile uint64_t *bits)
     return seen.value;
 }
 
+/* Returns 1 where the fused multiply-add rounds once, the product not by itself, else 0. */
+static inline int pf_arithmetic_fuses(void)
+{
+    static const uint64_t table[] = {UINT64_C(0x3ff0000002000000), UINT64_C(0xbff0000004000000)};
+    const uint64_t exact = UINT64_C(0x3c90000000000000); /* (1 + 2^-27)^2 - (1 + 2^-26) = 2^-54 */
+    const double factor = pf_arithmetic_operand(&table[0]);
+    const double sum = __builtin_fma(factor, factor, pf_arithmetic_operand(&table[1]));
+
+    return (pf_arithmetic_differs(sum, exact) == 0U) ? 1 : 0;
+}
+
 /* Returns 1 where a few operations give the bits that IEEE 754 demands of them, else 0. */
 static inline int pf_arithmetic_holds(void)
 {
-    static const volatile uint64_t table[] = {
+    static const uint64_t table[] = {
         UINT64_C(0x3ff0000000000000), /* 1 */
         UINT64_C(0x3ff0000000000001), /* 1 + 2^-52, the number after it */
         UINT64_C(0x3ca0000000000000), /* 2^-53, half of that last place */
@@ -93,11 +104,9 @@ static inline int pf_arithmetic_holds(void)
     wrong |= pf_arithmetic_differs(-one - half, UINT64_C(0xbff0000000000000));
     /* No regrouping, and nothing kept in more digits. */
     wrong |= pf_arithmetic_differs((one + half) - one, UINT64_C(0));
-    /* A product and a sum are rounded each; a fused multiply-add once. */
+    /* A product and a sum are rounded each. */
     wrong |= pf_arithmetic_differs(factor * factor + product, UINT64_C(0));
     wrong |= pf_arithmetic_differs(-product - factor * again, UINT64_C(0));
-    wrong |= pf_arithmetic_differs(__builtin_fma(factor, factor, product),
-        UINT64_C(0x3c90000000000000));
     /* Quotients, not products with an inverse, for which it takes several, or a constant. */
     wrong |= pf_arithmetic_differs(divisor / divisor, unit);
     wrong |= pf_arithmetic_differs((divisor + divisor) / divisor, UINT64_C(0x4000000000000000));

@@ -190,7 +190,7 @@ two_wheeled_status_t two_wheeled_restart(two_wheeled_state_t *state,
 two_wheeled_status_t two_wheeled_init(two_wheeled_state_t *state,
     const two_wheeled_params_t *params)
 {
-    if (pf_arithmetic_holds() == 0) {
+    if ((pf_arithmetic_holds() == 0) || (pf_arithmetic_fuses() == 0)) {
         clear_state(state);
         return TWO_WHEELED_BAD_ARITHMETIC;
     }
