@@ -40,8 +40,11 @@ def _print_text(result: Audit) -> None:
         for r in result.rows
     ]
     output.table(f"{result.model}: equations", ("number", "status", "note"), rows)
-    found = [(f.name, f.verdict.status, f"{f.claim}. {f.verdict.note}") for f in result.findings]
-    output.table(f"{result.model}: findings", ("finding", "status", "claim and note"), found)
+    found = [
+        (f.name, f.verdict.status, f.place, f"{f.claim}. {f.verdict.note}") for f in result.findings
+    ]
+    columns = ("finding", "status", "section, place", "claim and note")
+    output.table(f"{result.model}: findings", columns, found)
     for row in result.rows:
         _print_difference(f"({row.number})", row.verdict)
     for finding in result.findings:
@@ -60,3 +63,7 @@ def _print_difference(name: str, verdict: Verdict) -> None:
     output.say(f"  printed: {form_text(verdict.printed)}")
     output.say(f"  derived: {form_text(verdict.derived)}")
     output.say(f"  {counterexample_text(verdict.counterexample)}")
+    if verdict.repair:
+        output.say(f"  repair: {verdict.repair}")
+    if verdict.checks:
+        output.say(f"  shown by: {'; '.join(verdict.checks)}")

@@ -11,17 +11,28 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.derive.reproduce.evidence import frequencies, graded
+from pfaffian.derive.reproduce.choices import cut
+from pfaffian.derive.reproduce.claims import contradiction
+from pfaffian.derive.reproduce.evidence import Evidence, frequencies, graded
+from pfaffian.derive.reproduce.sampled import Sampled, figures_of
 from pfaffian.derive.reproduce.tables import Comparison, compare, unsettled
 from pfaffian.runtime.generated_model import host_model, open_generated
 from pfaffian.runtime.reproduce import registry
-from pfaffian.runtime.reproduce.cases import DERIVED, DESIGNED, TERMS, case_of
+from pfaffian.runtime.reproduce.cases import DERIVED, DESIGNED, TERMS, case_of, lasting, softened
 from pfaffian.runtime.reproduce.drawing import thinned
 from pfaffian.runtime.reproduce.figures import FIGURES
 from pfaffian.runtime.reproduce.fly import Task, fly
 from pfaffian.runtime.reproduce.loop import SIGNALS, Loop
 from pfaffian.runtime.reproduce.measures import accumulated, measures
-from pfaffian.runtime.reproduce.plan import Check, convergence_checks, figure_tasks, variant_tasks
+from pfaffian.runtime.reproduce.plan import (
+    PERIODS,
+    Check,
+    choice_tasks,
+    convergence_checks,
+    figure_tasks,
+    softened_tasks,
+    variant_tasks,
+)
 from pfaffian.runtime.reproduce.result import FAILS, HOLDS, PARTLY, SectionResult
 
 FOLDER = open_generated("pendubot")
@@ -180,7 +191,9 @@ def test_a_run_that_another_solver_does_not_confirm_fails_the_reproduction(desig
 def test_every_run_meets_another_solver_that_decides():
     gain = (-30.0, -29.0, -4.7, -2.8)
     for section in ("5.1", "5.2", "5.3"):
-        main, variants = figure_tasks(FOLDER, section, gain), variant_tasks(FOLDER, section)
+        main = figure_tasks(FOLDER, section, gain)
+        variants = variant_tasks(FOLDER, section) | choice_tasks(FOLDER, section)
+        variants |= softened_tasks(FOLDER, section)
         checks = convergence_checks(main, variants)
         for name, task in {**main, **variants}.items():
             own = [c for c in checks if c.reference == name and c.decides]
@@ -234,3 +247,64 @@ def test_a_thinned_line_keeps_every_extreme():
     assert (y.max(), y.min()) == (50.0, -60.0)
     assert (x[0], x[-1]) == (0.0, 1.0)
     assert np.all(np.diff(x) > 0)
+
+
+# --- what is ours -------------------------------------------------------------------------------
+
+
+def test_a_run_cut_short_is_the_run_of_that_length(designed):
+    short = cut(designed, 5.0)
+    flown = fly(replace(designed.task, case=lasting(designed.case, 5.0)), host_model(FOLDER))
+    ours, theirs = measures(short), measures(flown)
+    for key in ("iae_q1", "mae_q2", "mae2_q1", "beta_end", "peak_torque"):
+        assert ours[key] == pytest.approx(theirs[key], rel=1e-4)
+    assert short.end == 5.0
+    assert not short.ended
+    assert cut(replace(designed, ended="speed", end=3.0), 5.0).ended == "speed"
+    assert not cut(replace(designed, ended="speed", end=7.0), 5.0).ended
+
+
+def test_other_choices_are_flown_in_every_section():
+    for section in ("5.1", "5.2", "5.3"):
+        tasks = choice_tasks(FOLDER, section)
+        assert {t.case.duration for t in tasks.values()} >= {20.0}
+        estimates = {t.case.controller["bound_initial"] for t in tasks.values()}
+        assert estimates == ({0.0} if section == "5.1" else {0.01, 0.1, 1.0})
+    assert {t.case.softened for t in softened_tasks(FOLDER, "5.1").values()} == set(PERIODS)
+    assert softened_tasks(FOLDER, "5.2") == {}
+
+
+@pytest.mark.parametrize("column", [DERIVED, DESIGNED])
+def test_the_sampled_figures_are_those_of_the_law_with_the_weaker_p2(column):
+    """At 1 ms the division of p2 is all but all of the difference, holding and limits are not."""
+    host = host_model(FOLDER)
+    case = case_of(FOLDER, "5.1", column, TERMS[1])
+    name = {DERIVED: "section-5.1-paper", DESIGNED: "section-5.1-designed"}[column]
+    found = Sampled(column, 1e-3, **figures_of(name, 1e-3, FOLDER))
+    own, weak = (measures(fly(Task(c), host)) for c in (case, softened(case, 1e-3)))
+    gap = found.held["iae_q1"] - own["iae_q1"]
+    assert gap > 0.15 * own["iae_q1"]
+    assert abs(found.held["iae_q1"] - weak["iae_q1"]) < 2e-3 * gap
+    assert found.held == pytest.approx(found.unlimited, rel=1e-9)
+
+
+def test_the_sampled_law_goes_to_the_continuous_one_with_its_period():
+    own = measures(fly(Task(case_of(FOLDER, "5.1", DESIGNED, TERMS[1])), host_model(FOLDER)))
+    gaps = [
+        figures_of("section-5.1-designed", period, FOLDER)["held"]["iae_q1"] - own["iae_q1"]
+        for period in (1e-3, 5e-4)
+    ]
+    assert gaps[0] > 2 * gaps[1] > 0.0
+
+
+def test_figure_3_is_contradicted_where_p1_alone_has_no_run(designed):
+    ended = replace(designed, ended="speed", end=0.667)
+    seen = Evidence("5.1", {}, {}, (), (), ())
+    runs = {f"5.1-{c}-{t}": ended for c in (DERIVED, DESIGNED) for t in (TERMS[0], TERMS[1])}
+    variants = {f"5.1-{c}-p1-at-rest": ended for c in (DERIVED, DESIGNED)}
+    compared = [compare(Check("x", ended.task, True), ended, ended)]
+    shown, due = contradiction(replace(seen, runs=runs, variants=variants, compared=compared))
+    assert (shown.verdict, due.verdict) == (FAILS, PARTLY)
+    assert shown.figures == due.figures == ("figure-03",)
+    assert shown.measured.startswith("Contradiction: under p₁ alone there is no motion")
+    assert "0.667 s" in shown.measured

@@ -44,6 +44,7 @@ def audit_data(audit: Audit) -> dict[str, Any]:
         "findings": [
             {
                 "name": f.name,
+                "place": f.place,
                 "claim": f.claim,
                 "equations": list(f.equations),
                 **_verdict_data(f.verdict),
@@ -61,6 +62,7 @@ def _verdict_data(verdict: Verdict) -> dict[str, Any]:
         "note": verdict.note,
         "printed": form_text(verdict.printed),
         "derived": form_text(verdict.derived),
+        "repair": verdict.repair or None,
         "checks": list(verdict.checks),
         "counterexample": _counterexample_data(found) if found else None,
     }
@@ -108,7 +110,7 @@ def audit_latex(audit: Audit) -> str:
         lines.append(
             f"({row.number}) & {row.verdict.status}{about} & {escaped(row.verdict.note)} \\\\"
         )
-    lines += ["\\end{longtable}", "\\section*{Equations that differ}"]
+    lines += ["\\end{longtable}", "\\section*{Equations that differ or are repaired}"]
     for row in audit.rows:
         if row.verdict.counterexample:
             lines += [f"\\subsection*{{({row.number})}}", *_difference(row.verdict)]
@@ -116,7 +118,8 @@ def audit_latex(audit: Audit) -> str:
     for finding in audit.findings:
         verdict = finding.verdict
         lines += [f"\\subsection*{{{escaped(finding.name)}: {verdict.status}}}"]
-        lines += [f"The source: {escaped(finding.claim)}.", "", escaped(verdict.note)]
+        said = f"The source, {escaped(finding.place)}: {escaped(finding.claim)}."
+        lines += [said, "", escaped(verdict.note)]
         if verdict.counterexample:
             lines += _difference(verdict)
     lines.append("\\end{document}")
@@ -128,7 +131,10 @@ def _difference(verdict: Verdict) -> list[str]:
     shown = []
     for what, form in (("printed", verdict.printed), ("derived", verdict.derived)):
         shown.append(f"\\[ \\text{{{what}: }} {_latex(form)} \\]")
-    return [*shown, f"{escaped(counterexample_text(verdict.counterexample))}.", ""]
+    shown.append(f"{escaped(counterexample_text(verdict.counterexample))}.")
+    if verdict.repair:
+        shown += ["", f"Proved with this repair: {escaped(verdict.repair)}."]
+    return [*shown, ""]
 
 
 def _latex(form: Form) -> str:

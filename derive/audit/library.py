@@ -10,27 +10,42 @@ from pfaffian.derive.audit import (
     pendubot_control,
     pendubot_findings,
     pendubot_numbers,
+    pendubot_print,
     pendubot_stability,
 )
-from pfaffian.derive.audit.row import Audit
+from pfaffian.derive.audit.check import unchecked
+from pfaffian.derive.audit.paper import Paper
+from pfaffian.derive.audit.pendubot_paper import PAPER
+from pfaffian.derive.audit.pendubot_source import Case
+from pfaffian.derive.audit.row import Audit, Row
 from pfaffian.derive.derivation import Derivation
 from pfaffian.runtime.errors import InputError
 
+#: The check of every number.
+PENDUBOT: Mapping[int, Callable[[Case], Row]] = {
+    int(check.__name__.rpartition("_")[2]): check
+    for module in (pendubot_constraint, pendubot_control, pendubot_stability, pendubot_bounds)
+    for check in module.EQUATIONS
+}
 
-def audit_pendubot(derivation: Derivation) -> Audit:
+
+def pendubot_row(number: int, case: Case) -> Row:
+    """Return the row of one equation; what cannot be read is not checkable."""
+    try:
+        return PENDUBOT[number](case)
+    except (ValueError, InputError) as error:
+        return Row(number, unchecked(f"cannot be read: {error}", str(case.paper.equations[number])))
+
+
+def audit_pendubot(derivation: Derivation, paper: Paper = PAPER) -> Audit:
     """Return the audit of the Pendubot's source, equations (1)-(48)."""
-    equations = (
-        *pendubot_constraint.EQUATIONS,
-        *pendubot_control.EQUATIONS,
-        *pendubot_stability.EQUATIONS,
-        *pendubot_bounds.EQUATIONS,
-    )
-    findings = (*pendubot_findings.FINDINGS, *pendubot_numbers.FINDINGS)
+    case = Case(paper, derivation)
+    findings = (*pendubot_findings.FINDINGS, *pendubot_numbers.FINDINGS, *pendubot_print.FINDINGS)
     return Audit(
         model=derivation.spec.name,
         source=derivation.spec.source,
-        rows=tuple(equation(derivation) for equation in equations),
-        findings=tuple(finding(derivation) for finding in findings),
+        rows=tuple(pendubot_row(number, case) for number in sorted(PENDUBOT)),
+        findings=tuple(finding(case) for finding in findings),
     )
 
 

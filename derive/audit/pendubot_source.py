@@ -1,12 +1,21 @@
-"""The Pendubot paper's equations as printed, in SymPy, and the derivation at its setpoint.
+"""The Pendubot paper beside the derivation: what the names of its formulas stand for.
 
-Symbols of the plant and the gains are those of the model; the others are defined here. J1, J2 and
-Ja stand for the integrals of (6): of q1 - pi/2, of q2 and of the arctan.
+Three readings of one text: *explicit*, with the derived matrices of the plant; *general*, with free
+matrices of the same shapes, for identities of matrices; *scalar*, with A D B one number, for the
+inequalities of the proof, where one constraint makes it so.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
 import sympy as sp
+from pfaffian.derive.audit.notation import INTEGRAL, Operand, read
+from pfaffian.derive.audit.paper import Paper
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.models.pendubot.spec import PARAMETERS
 from pfaffian.derive.spec import symbols_of
@@ -32,116 +41,246 @@ def nonnegative(names: str) -> tuple[sp.Symbol, ...]:
 
 q1, q2, dq1, dq2, ddq1, ddq2 = real("q1 q2 dq1 dq2 ddq1 ddq2")
 q10, q20, dq10, dq20 = real("q10 q20 dq10 dq20")
-J1, J2, Ja = real("J1 J2 Ja")
-f1, f2, tau = real("f1 f2 tau")
-#: Scalars of the Lyapunov proof: ADB, beta, Fhat; the rest is positive by definition.
-adb, beta, fhat = real("ADB beta Fhat")
+tau, beta, dbeta, bhat, mu, gamma, fhat, dahat = real("tau beta dbeta bhat mu gamma Fhat dahat")
+p1, p2, p3, adb, estimate = real("p1 p2 p3 ADB ahat")
+(rho,) = real("rho")
 lower, alpha, regressor = positive("lambda_min alpha Pi")
-(estimate,) = positive("ahat")
+#: The factor of (16) and (22), ahat Pi, of whatever sign.
+(effort,) = real("effort")
 
+#: A number with its unit.
+_MEASURED = re.compile(r"^([-\d.]+) (.+)$")
 SETPOINT = {P.q1d: sp.pi / 2, P.q2d: sp.S.Zero}
 #: Simple values that make M positive definite and ADB nonzero at q2 = 0.
 PLAIN = {P.theta1: sp.Integer(2), P.theta2: sp.S.One, P.theta3: sp.S.One}
-
+#: A point of the singular set, with q2 = pi/3: ADB = 0 with M positive definite.
+SINGULAR = {P.theta1: sp.Integer(5), P.theta2: sp.S.One, P.theta3: sp.Integer(2), P.lam: sp.S(2)}
 e1, e2 = q1 - sp.pi / 2, q2
-ARC = sp.atan(P.lam * dq1 + P.lam * P.lam1 * e1 + dq2 + P.lam2 * q2)
-DET = P.theta1 * P.theta2 - P.theta3**2 * sp.cos(q2) ** 2
 
-MASS = sp.Matrix(
-    [
-        [P.theta1 + P.theta2 + 2 * P.theta3 * sp.cos(q2), P.theta2 + P.theta3 * sp.cos(q2)],
-        [P.theta2 + P.theta3 * sp.cos(q2), P.theta2],
-    ]
-)
-CORIOLIS = sp.Matrix([[-P.theta3 * dq2, -P.theta3 * (dq2 + dq1)], [P.theta3 * dq1, 0]]) * sp.sin(q2)
-_FAR = P.theta5 * P.g * sp.cos(q1 + q2)
-GRAVITY = sp.Matrix([P.theta4 * P.g * sp.cos(q1) + _FAR, _FAR])
-INPUT = sp.Matrix([1, 0])
-
-RESIDUAL = P.lam * (dq1 + P.lam1 * e1) + (dq2 + P.lam2 * e2)  # (3)
-_S_OF_5 = P.lam * dq1 + P.lam * P.lam1 * e1 + dq2 + P.lam2 * q2
-SECOND_ORDER = (  # (5), left minus right
-    P.lam * ddq1
-    + P.lam * P.lam1 * dq1
-    + ddq2
-    + P.lam2 * dq2
-    + P.sigma * _S_OF_5
-    + 2 * P.eta / sp.pi * ARC
-)
-INTEGRAL = (  # (6), left minus right
-    P.lam * (dq1 - dq10)
-    + P.lam * P.lam1 * (q1 - q10)
-    + (dq2 - dq20)
-    + P.lam2 * (q2 - q20)
-    + P.sigma * P.lam * (q1 - q10)
-    + P.sigma * P.lam * P.lam1 * J1
-    + P.sigma * (q2 - q20)
-    + P.sigma * P.lam2 * J2
-    + 2 * P.eta / sp.pi * Ja
-)
-ROW = sp.Matrix([[P.lam, 1]])  # A
-RIGHT = (  # b
-    -P.lam * P.lam1 * dq1 - P.lam2 * dq2 - P.sigma * _S_OF_5 - 2 * P.eta / sp.pi * ARC
-)
-FIRST_INTEGRAL = (  # c
-    P.lam * dq10
-    - P.lam * P.lam1 * (q1 - q10)
-    + dq20
-    - P.lam2 * (q2 - q20)
-    - P.sigma * P.lam * (q1 - q10)
-    - P.sigma * (q2 - q20)
-    - P.sigma * P.lam * P.lam1 * J1
-    - P.sigma * P.lam2 * J2
-    - 2 * P.eta / sp.pi * Ja
-)
-INPUT_GAIN = P.lam * P.theta2 / DET  # (10)
-REGRESSOR = (sp.sqrt(dq1**2 + dq2**2) + 1) ** 2 + (sp.sqrt(e1**2 + e2**2) + 1) ** 2  # (47)
-GAIN_IN_48 = P.theta2 / DET
+_MOTION = {
+    "q1": q1,
+    "q2": q2,
+    "dq1": dq1,
+    "dq2": dq2,
+    "ddq1": ddq1,
+    "ddq2": ddq2,
+    "q10": q10,
+    "q20": q20,
+    "dq10": dq10,
+    "dq20": dq20,
+    "dq": sp.Matrix([dq1, dq2]),
+    "ddq": sp.Matrix([ddq1, ddq2]),
+    "e": sp.Matrix([e1, e2]),
+}
+_SCALARS = {
+    "tau": tau,
+    "p1": p1,
+    "p2": p2,
+    "p3": p3,
+    "beta": beta,
+    "dbeta": dbeta,
+    "bhat": bhat,
+    "mu": mu,
+    "gamma": gamma,
+    "ahat": estimate,
+    "dahat": dahat,
+    "alpha": alpha,
+    "Pi": regressor,
+    "lower": lower,
+    "rho": rho,
+}
 
 
-def friction(rate: sp.Symbol) -> sp.Expr:
-    """Return the friction torque printed in sections 5.2 and 5.3."""
-    return (
-        sp.Rational("4.18")
-        * (sp.tanh(sp.Rational("1.59") * rate) - sp.tanh(sp.Rational("3.15") * rate))
-        + sp.Rational("0.09") * sp.tanh(sp.Rational("3.52") * rate)
-        + sp.Rational("0.021") * rate
-    )
-
-
-def upright(expression: sp.Basic) -> sp.Basic:
+def upright(expression: Any) -> Any:
     """Return `expression` with the setpoint of (4) put in."""
     return expression.subs(SETPOINT)
 
 
 def rate(expression: sp.Expr) -> sp.Expr:
-    """Return the time derivative by the chain rule, J1, J2 and Ja included."""
-    rates = {q1: dq1, q2: dq2, dq1: ddq1, dq2: ddq2, J1: e1, J2: q2, Ja: ARC}
-    return sum((expression.diff(x) * dx for x, dx in rates.items()), sp.S.Zero)
+    """Return the time derivative by the chain rule; that of an integral is its integrand."""
+    integrals = sorted(expression.atoms(INTEGRAL), key=sp.default_sort_key)
+    names = {z: sp.Dummy(f"z{k}", real=True) for k, z in enumerate(integrals)}
+    flat = expression.xreplace(names)
+    rates = {q1: dq1, q2: dq2, dq1: ddq1, dq2: ddq2} | {d: z.args[0] for z, d in names.items()}
+    moved = sum((flat.diff(x) * dx for x, dx in rates.items()), sp.S.Zero)
+    return moved.xreplace({d: z for z, d in names.items()})
 
 
-def nominal_gain(derivation: Derivation) -> tuple[sp.Matrix, sp.Expr]:
-    """Return AD (1, 2) and ADB from the derived M, A and B."""
-    mass = derivation.dynamics.mass_matrix
-    ad = derivation.constraint.jacobian * mass.adjugate() / mass.det()
-    return ad, (ad * derivation.dynamics.input_matrix)[0]
+def at_start(expression: sp.Expr) -> sp.Expr:
+    """Return `expression` at t = 0: initial values, integrals empty."""
+    empty = dict.fromkeys(expression.atoms(INTEGRAL), sp.S.Zero)
+    return expression.xreplace(empty).xreplace({q1: q10, q2: q20, dq1: dq10, dq2: dq20})
 
 
-def bias(derivation: Derivation) -> sp.Matrix:
-    """Return C q' + G, derived."""
-    dynamics = derivation.dynamics
-    return dynamics.coriolis_matrix * sp.Matrix([dq1, dq2]) + dynamics.gravity
+@dataclass(frozen=True)
+class Case:
+    """A source and the derivation that it is compared with."""
+
+    paper: Paper
+    derivation: Derivation
+
+    def of(self, paper: Paper) -> Case:
+        """Return the same derivation beside another text; what follows from it alone is kept."""
+        other = Case(paper, self.derivation)
+        vars(other).update({n: v for n, v in vars(self).items() if n in _DERIVED})
+        return other
+
+    def explicit(self, number: int, part: str, **given: Operand) -> Any:
+        """Return a part of an equation with the derived matrices; `given` names come first."""
+        return self.paper.form(number, part, {**self.names, **given})
+
+    def general(self, number: int, part: str, **given: Operand) -> Any:
+        """Return it with free matrices."""
+        return self.paper.form(number, part, {**self.free_names, **given})
+
+    def scalar(self, number: int, part: str, **given: Operand) -> Any:
+        """Return it with numbers: ADB, beta, Fhat and ahat are real, alpha and Pi positive."""
+        return self.paper.form(number, part, {**_parameters(), **_SCALARS, **_ONE, **given})
+
+    @cached_property
+    def names(self) -> Mapping[str, Operand]:
+        """What the names of formulas stand for in the derivation, at the setpoint of (4)."""
+        found = self.derivation
+        split, dynamics = found.decomposition, found.dynamics
+        return {
+            **_parameters(),
+            **_MOTION,
+            **_SCALARS,
+            "M": dynamics.mass_matrix,
+            "C": dynamics.coriolis_matrix,
+            "G": dynamics.gravity,
+            "B": dynamics.input_matrix,
+            "D": self.inverse,
+            "A": found.constraint.jacobian,
+            "b": upright(found.constraint.acceleration[0]),
+            "F": split.force,
+            "Fhat": split.matched,
+            "dF": split.mismatched,
+        }
+
+    @cached_property
+    def free_names(self) -> Mapping[str, Operand]:
+        """The same names with free matrices; q'' is what (1) makes of them."""
+        (d11, d12, d22, b0) = real("D11 D12 D22 b")
+        drift, force, speed = (sp.Matrix(real(f"{n}1 {n}2")) for n in ("G", "F", "v"))
+        inverse = sp.Matrix([[d11, d12], [d12, d22]])
+        coriolis = sp.Matrix(2, 2, real("C11 C12 C21 C22"))
+        row, column = sp.Matrix([real("A1 A2")]), sp.Matrix(real("B1 B2"))
+        torque = p1 + p2 + p3
+        moved = inverse * (column * torque - coriolis * speed - drift - force)
+        return {
+            **_parameters(),
+            **_SCALARS,
+            "A": row,
+            "B": column,
+            "C": coriolis,
+            "D": inverse,
+            "F": force,
+            "G": drift,
+            "M": inverse.adjugate() / inverse.det(),
+            "b": b0,
+            "dq": speed,
+            "ddq": moved,
+        }
+
+    @cached_property
+    def inverse(self) -> Any:
+        """D = M^-1, derived."""
+        mass = self.derivation.dynamics.mass_matrix
+        return mass.adjugate() / mass.det()
+
+    @cached_property
+    def reach(self) -> tuple[sp.Matrix, sp.Expr]:
+        """AD (1, 2) and ADB from the derived M, A and B."""
+        ad = self.derivation.constraint.jacobian * self.inverse
+        return ad, (ad * self.derivation.dynamics.input_matrix)[0]
+
+    @cached_property
+    def bias(self) -> sp.Matrix:
+        """C q' + G, derived."""
+        dynamics = self.derivation.dynamics
+        return dynamics.coriolis_matrix * sp.Matrix([dq1, dq2]) + dynamics.gravity
+
+    @cached_property
+    def residual(self) -> sp.Expr:
+        """s of (3), derived, at the setpoint."""
+        return upright(self.derivation.constraint.residual[0])
+
+    @cached_property
+    def second_order(self) -> sp.Expr:
+        """A q'' - b, derived."""
+        constraint = self.derivation.constraint
+        moved = constraint.jacobian * sp.Matrix([ddq1, ddq2]) - constraint.acceleration
+        return upright(moved[0])
+
+    def following(self) -> sp.Expr:
+        """Return A q' - c with c of (7) as printed."""
+        return self.explicit(8, "first", c=self.explicit(7, "c"))
+
+    def law(self, name: str) -> sp.Expr:
+        """Return the definition of `name` in the derived continuous law, setpoint put in."""
+        definitions = self.derivation.block("continuous").definitions
+        found = next(d.expression for d in definitions if d.symbol.name == name)
+        return upright(found)
+
+    def law_expanded(self, name: str) -> sp.Expr:
+        """Return `name` of the derived continuous law in its inputs alone, setpoint put in."""
+        block = self.derivation.block("continuous")
+        symbol = next(d.symbol for d in block.definitions if d.symbol.name == name)
+        return upright(block.expanded(symbol))
+
+    def in_terms(self, name: str, **given: sp.Expr) -> sp.Expr:
+        """Return the law's definition of `name` with its symbols replaced by `given`."""
+        found = self.law(name)
+        return found.xreplace({s: given[s.name] for s in found.free_symbols if s.name in given})
+
+    @cached_property
+    def layer(self) -> sp.Expr:
+        """Return gamma of the derived law, -p3/(mu ahat Pi), in `mu`."""
+        found = self.in_terms("p3", mu=mu, effort=effort)
+        return -found / (mu * effort)
+
+    def value(self, where: str, name: str, **names: Operand) -> Any:
+        """Return a value that the text prints, without its unit."""
+        text = self.paper.said[where][name]
+        return read(_MEASURED.sub(r"\1", text), names)
+
+    def unit(self, where: str, name: str) -> str:
+        """Return the unit that the text prints with a value."""
+        return _MEASURED.sub(r"\2", self.paper.said[where][name])
+
+    @cached_property
+    def plant(self) -> Mapping[sp.Symbol, sp.Expr]:
+        """theta1 ... theta5 and g of section 5, exact, from what is printed there."""
+        where = "plant of section 5"
+        physical = {n: self.value(where, n) for n in self.paper.said[where]}
+        lumped = {
+            getattr(P, f"theta{k}"): self.paper.form(1, f"theta{k}", physical) for k in range(1, 6)
+        }
+        return lumped | {P.g: physical["g"]}
+
+    @cached_property
+    def gains(self) -> Mapping[sp.Symbol, sp.Expr]:
+        """lam, lam1 and lam2 of section 5.1, exact."""
+        where = "gains of section 5.1"
+        return {getattr(P, n): self.value(where, n) for n in self.paper.said[where]}
 
 
-def law(derivation: Derivation, name: str) -> sp.Expr:
-    """Return the definition of `name` in the derived continuous law, setpoint put in."""
-    definitions = derivation.block("continuous").definitions
-    found = next(d.expression for d in definitions if d.symbol.name == name)
-    return upright(found)
+#: What a `Case` holds that does not depend on its text.
+_DERIVED = frozenset(
+    ("names", "free_names", "inverse", "reach", "bias", "residual", "second_order", "layer")
+)
 
 
-def law_expanded(derivation: Derivation, name: str) -> sp.Expr:
-    """Return `name` of the derived continuous law in its inputs alone, setpoint put in."""
-    block = derivation.block("continuous")
-    symbol = next(d.symbol for d in block.definitions if d.symbol.name == name)
-    return upright(block.expanded(symbol))
+def _parameters() -> Mapping[str, Operand]:
+    return dict(vars(P))
+
+
+#: The scalar reading: A carries ADB, D and B are 1.
+_ONE: Mapping[str, Operand] = {
+    "A": adb,
+    "D": sp.S.One,
+    "B": sp.S.One,
+    "Fhat": fhat,
+    "bhat": adb * beta,
+}

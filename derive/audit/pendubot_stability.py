@@ -1,233 +1,281 @@
 """Equations (24)-(40): the Lyapunov function and its derivative, step by step.
 
-From (29) on everything is scalar: adb is ADB = B^T D A^T, beta and Fhat are real, the estimate
-ahat, its true value alpha and Pi are positive. `size` is |bhat|, `excess` a nonnegative difference.
+Identities of matrices are shown with free matrices, inequalities with numbers: with one constraint
+A D B is one. Every sign of ADB, beta, Fhat and ahat is tried. What the assumptions give is put in
+with a slack: (ADB)^2 = lower + slack for (13), alpha Pi = |Fhat| + slack for (14).
 """
 
 from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.audit import pendubot_source as src
-from pfaffian.derive.audit.check import Step, at_most, decide, equal, true
-from pfaffian.derive.audit.pendubot_source import (
-    P,
-    adb,
-    alpha,
-    beta,
-    estimate,
-    fhat,
-    lower,
-    nominal_gain,
-    regressor,
-)
-from pfaffian.derive.audit.row import Row
-from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.audit.check import Step, at_most, decide, equal, repaired, true
+from pfaffian.derive.audit.notation import read
+from pfaffian.derive.audit.pendubot_control import layer_cases, nominal_torque
+from pfaffian.derive.audit.pendubot_source import Case, P, adb, beta, estimate, fhat
+from pfaffian.derive.audit.row import Counterexample, Row
 from pfaffian.derive.dimensions import dimension_of
 
-_P2, _P3, _MU, _GAMMA = src.real("p2 p3 mu gamma")
-(size, excess) = src.nonnegative("size excess")
-#: |mu|, for the two cases of (23).
-(layer,) = src.positive("mu_abs")
-K1, K2, EPS = P.k1, P.k2, P.epsilon
-DECAY = -2 * P.kappa * lower * beta**2
-CROSS = 2 * size * (alpha - estimate) * regressor
+_SLACK_13, _SLACK_14 = src.nonnegative("slack_13 slack_14")
+SIGNS = (adb, beta, fhat)
+#: Assumptions 1 and 2 with their slack.
+ASSUMED = {
+    src.lower: adb**2 - _SLACK_13,
+    src.alpha: (sp.Abs(fhat) + _SLACK_14) / src.regressor,
+}
+_MU = adb * beta * estimate * src.regressor
 
 
-def equation_24(derivation: Derivation) -> Row:
-    """Check that V is positive definite, and that its two terms have one unit."""
-    gap = estimate - alpha
+def equation_24(case: Case) -> Row:
+    """Check that V is positive definite, and that its terms fit one another and (15)."""
+    ahat, alpha = (sp.Matrix(src.real(f"{n}1 {n}2")) for n in ("ahat", "alpha"))
+    value = case.scalar(24, "V", ahat=ahat, alpha=alpha)
     (rate,) = src.positive("k1")
-    form = sp.Matrix([[1, 0], [0, 1 / rate]])
-    units = {p.name: p.unit for p in derivation.spec.parameters}
+    hessian = sp.hessian(value, (beta, *ahat)).subs(P.k1, rate)
+    units = {p.name: p.unit for p in case.derivation.spec.parameters}
     declared = units | {"beta": "rad/s", "ahat": "N*m", "alpha": "N*m"}
-    value = beta**2 + gap**2 / K1
-    dimension_of(value, declared, "(24)")
+    dimension_of(sp.expand(case.scalar(24, "V", alpha=estimate / 2)), declared, "(24)")
     steps = [
-        true("V is positive definite", form.is_positive_definite),
-        equal("its Hessian", sp.hessian(value, (beta, estimate)), 2 * form.subs(rate, K1)),
+        true("V is positive definite", hessian.is_positive_definite),
+        equal("V is zero with its arguments", value.subs({beta: 0, **_same(ahat, alpha)}), sp.S(0)),
+        equal("|bhat| Pi leaves V' for p3 = -ahat Pi sign bhat, Fhat = alpha Pi", _cross(case), 0),
     ]
     note = "A definition; positive definite for k1 > 0, and its terms agree in unit with (15)."
     return Row(24, decide(steps, note, value, value))
 
 
-def equation_25(derivation: Derivation) -> Row:
+def _same(one: sp.Matrix, other: sp.Matrix) -> dict[sp.Symbol, sp.Expr]:
+    return dict(zip(one, other, strict=True))
+
+
+def _cross(case: Case) -> sp.Expr:
+    """Return what V' has in |bhat| Pi: at Fhat = -alpha Pi, p3 = -ahat Pi, all else zero."""
+    (size,) = src.positive("size")
+    value = case.scalar(24, "V")
+    moved = size * (src.alpha - estimate) * src.regressor  # beta beta' with |bhat| = size
+    law = case.in_terms("bound_estimate_rate", bhat=size, regressor=src.regressor)
+    adapted = law.coeff(src.regressor) * src.regressor
+    return sp.expand(value.diff(beta) / beta * moved + value.diff(estimate) * adapted)
+
+
+def equation_25(case: Case) -> Row:
     """Check V' by the chain rule, alpha constant."""
     t = sp.Symbol("t", real=True)
     moving, guess = sp.Function("beta")(t), sp.Function("ahat")(t)
-    value = moving**2 + (guess - alpha) ** 2 / K1
-    printed = 2 * moving * moving.diff(t) + 2 / K1 * (guess - alpha) * guess.diff(t)
+    value = case.scalar(24, "V", beta=moving, ahat=guess)
+    rates = {"dbeta": moving.diff(t), "dahat": guess.diff(t)}
+    printed = case.scalar(25, "rate", beta=moving, ahat=guess, **rates)
     steps = [true("V' by the chain rule", sp.expand(value.diff(t) - printed) == 0)]
     return Row(25, decide(steps, "Holds for constant alpha.", printed, value.diff(t)))
 
 
-def equation_26(derivation: Derivation) -> Row:
-    """Check the three lines with the derived matrices."""
-    p1, p2, p3 = src.real("p1 p2 p3")
-    dynamics, row = derivation.dynamics, derivation.constraint.jacobian
-    force, bias = sp.Matrix([src.f1, src.f2]), src.bias(derivation)
-    ad, _ = nominal_gain(derivation)
-    inverse = dynamics.mass_matrix.adjugate() / dynamics.mass_matrix.det()
-    acceleration = inverse * (dynamics.input_matrix * (p1 + p2 + p3) - bias - force)
-    b = src.upright(derivation.constraint.acceleration[0])
-    first = 2 * beta * ((row * acceleration)[0] - b)
-    inside = -bias + dynamics.input_matrix * (p1 + p2) - force + dynamics.input_matrix * p3
-    third = 2 * beta * ((ad * inside)[0] - b)
-    reached = {src.ddq1: acceleration[0], src.ddq2: acceleration[1]}
-    rate = src.rate((src.ROW * sp.Matrix([src.dq1, src.dq2]))[0] - src.FIRST_INTEGRAL)
+def equation_26(case: Case) -> Row:
+    """Check the first line against beta' of the derived law, the others for any matrices."""
+    lines = [case.general(26, f"line{k}") for k in (1, 2, 3)]
+    reached = 2 * beta * src.rate(case.following())
     steps = [
-        equal("2 beta beta' with q'' of (1)", 2 * beta * rate.subs(reached), first),
-        equal("last line", third, first),
+        equal("line 1 is 2 beta beta'", case.explicit(26, "line1"), reached),
+        equal("line 2 with q'' of (1)", lines[1], lines[0]),
+        equal("line 3, D = M^-1", lines[2], lines[1]),
     ]
-    shown = sp.Symbol("beta_dot")
     note = "beta' = A q'' - b by (7), (8), with q'' from (1); the sum is only regrouped."
-    return Row(26, decide(steps, note, 2 * beta * shown, third))
+    return Row(26, decide(steps, note, case.explicit(26, "line1"), reached))
 
 
-def equation_27(derivation: Derivation) -> Row:
-    """Check that p1 of (17) cancels the nominal part."""
-    ad, gain = nominal_gain(derivation)
-    bias = src.bias(derivation)
-    p1 = (src.RIGHT + (ad * bias)[0]) / gain
-    b = src.upright(derivation.constraint.acceleration[0])
-    left = (ad * (derivation.dynamics.input_matrix * p1 - bias))[0] - b
+def equation_27(case: Case) -> Row:
+    """Check that the derived p1 cancels the nominal part."""
+    left = case.explicit(27, "zero", p1=nominal_torque(case))
     zero = sp.S.Zero
     steps = [equal("AD[(-C q' - G) + B p1] - b", left, zero)]
-    return Row(27, decide(steps, "Identically zero where ADB is not.", zero, zero))
+    return Row(27, decide(steps, "Identically zero where ADB is not.", left, zero))
 
 
-def equation_28(derivation: Derivation) -> Row:
-    """Check ADF = ADB Fhat."""
-    ad, gain = nominal_gain(derivation)
-    split = derivation.decomposition
-    left = (ad * split.force)[0]
-    right = gain * split.matched[0]
+def equation_28(case: Case) -> Row:
+    """Check ADF = ADB Fhat with the derived decomposition."""
+    left, first, second = (case.explicit(28, n) for n in ("left", "line1", "line2"))
     steps = [
-        equal("ADF = ADB Fhat + AD dF", left, right + (ad * split.mismatched)[0]),
-        equal("ADF = ADB Fhat", left, right),
+        equal("ADF", left, (case.reach[0] * case.derivation.decomposition.force)[0]),
+        equal("ADF = ADB Fhat + AD dF", left, first),
+        equal("ADF = ADB Fhat", left, second),
     ]
-    return Row(28, decide(steps, "By (9) and (12).", left, right))
+    return Row(28, decide(steps, "By (9) and (12).", left, second))
 
 
-def equation_29(derivation: Derivation) -> Row:
-    """Check the sum that is left when (27) and (28) are put in."""
-    nominal, b = src.real("nominal b")  # AD(-C q' - G) + ADB p1, and b
-    printed = -2 * beta * adb * fhat + 2 * beta * adb * _P2 + 2 * beta * adb * _P3
-    whole = 2 * beta * (nominal + adb * _P2 - adb * fhat + adb * _P3 - b)
-    steps = [equal("(26) with (27), (28)", whole.subs(nominal, b), printed)]
-    return Row(29, decide(steps, "Substitution.", printed, whole.subs(nominal, b)))
+def equation_29(case: Case) -> Row:
+    """Check what beta' is with the nominal torque of (17) and F of (9), for any matrices."""
+    names = case.free_names
+    weight = read("A*D", names)
+    gain, b = read("A*D*B", names), read("b", names)
+    # AD dF = 0, (12), fixes one component of dF.
+    (second,) = src.real("dF2")
+    mismatch = sp.Matrix([-weight[1] * second / weight[0], second])
+    nominal = read("(A*D*B)**-1*(b + A*D*(C*dq + G))", names)
+    torque = {"torque": nominal + src.p2 + src.p3 - fhat, "dF": mismatch}
+    moved = read("A*D*(B*torque - dF - C*dq - G)", {**names, **torque})
+    steps = [equal("A D B of them", gain, (weight * read("B", names))[0])]
+    derived = 2 * beta * (moved - b)
+    printed = case.general(29, "rate", Fhat=fhat)
+    steps.append(equal("2 beta beta' with (17), (9), (12)", printed, derived))
+    return Row(29, decide(steps, "Substitution.", printed, 2 * beta * src.dbeta))
 
 
-def _case_of_signs(first: int, second: int) -> Step:
-    """Return -2 x y <= 2 |x| |y| for one choice of the signs of x and y."""
-    x, y = src.nonnegative("x y")
-    left, right = -2 * (first * x) * (second * y), 2 * x * y
-    return at_most(f"signs {first:+d}, {second:+d}", left, right, 2 * x * y * (1 + first * second))
-
-
-def equation_30(derivation: Derivation) -> Row:
+def equation_30(case: Case) -> Row:
     """Check the norm inequality for all signs, then the bound (14)."""
-    (known,) = src.nonnegative("fhat_abs")
-    steps = [_case_of_signs(a, b) for a in (1, -1) for b in (1, -1)]
-    # (14): alpha Pi = |Fhat| + excess
-    steps.append(
-        at_most("with (14)", 2 * size * known, 2 * size * (known + excess), 2 * size * excess)
-    )
-    note = "Holds given Assumption 2, (14); bhat = ADB beta because ADB is its own transpose."
-    return Row(30, decide(steps, note, -2 * beta * adb * fhat, 2 * size * alpha * regressor))
-
-
-def equation_31(derivation: Derivation) -> Row:
-    """Check the substitution of p2."""
-    printed = 2 * beta * adb * (-P.kappa * adb * beta)
-    (bhat,) = src.real("bhat")
-    p2 = src.law(derivation, "p2").subs(bhat, adb * beta)
-    derived = 2 * beta * adb * p2
-    steps = [equal("2 beta ADB p2", printed, derived)]
-    return Row(31, decide(steps, "Substitution of (18), (20).", printed, derived))
-
-
-def equation_32(derivation: Derivation) -> Row:
-    """Check Rayleigh's bound, with (ADB)^2 = lambda_min + excess."""
-    left = 2 * beta * adb * (-P.kappa * adb * beta)
-    square = -2 * P.kappa * (lower + excess) * beta**2
+    left, first, second = (case.scalar(30, n) for n in ("left", "line1", "line2"))
+    free = read("A*D*B", case.free_names)
     steps = [
-        equal("regrouped", left, -2 * P.kappa * adb**2 * beta**2),
-        at_most("Rayleigh", square, DECAY, 2 * P.kappa * excess * beta**2),
+        equal("it is -2 beta ADB Fhat", left, -2 * beta * adb * fhat),
+        equal("so for free matrices", case.general(30, "left", Fhat=fhat), left.subs(adb, free)),
+        equal(
+            "|B^T D A^T beta| |Fhat| too",
+            case.general(30, "line1", Fhat=fhat) ** 2,
+            (2 * beta * free * fhat) ** 2,
+        ),
+        at_most("the norms", left, first, signs=SIGNS),
+        at_most("with (14)", first, second.subs(ASSUMED), signs=SIGNS),
+    ]
+    note = "Holds given Assumption 2, (14); bhat = ADB beta because ADB is its own transpose."
+    return Row(30, decide(steps, note, left, second))
+
+
+def _p2(case: Case) -> sp.Expr:
+    return case.in_terms("p2", bhat=adb * beta)
+
+
+def equation_31(case: Case) -> Row:
+    """Check the substitution of p2."""
+    left, printed = case.scalar(31, "left", p2=_p2(case)), case.scalar(31, "right")
+    steps = [equal("2 beta ADB p2", printed, left)]
+    return Row(31, decide(steps, "Substitution of (18), (20).", printed, left))
+
+
+def equation_32(case: Case) -> Row:
+    """Check Rayleigh's bound, with (ADB)^2 = lower + slack."""
+    left, first, second = (case.scalar(32, n) for n in ("left", "line1", "line2"))
+    steps = [
+        equal("it is 2 beta ADB p2", left, 2 * beta * adb * _p2(case)),
+        equal("regrouped", case.general(32, "left"), case.general(32, "line1")),
+        at_most("Rayleigh", first, second.subs(ASSUMED), signs=SIGNS),
     ]
     note = (
         "Holds where Assumption 1 does: with one constraint the matrix is the number (ADB)^2, its "
         "own eigenvalue, and the bound is its minimum over the operating region."
     )
-    return Row(32, decide(steps, note, left, DECAY))
+    return Row(32, decide(steps, note, left, second))
 
 
-def equation_33(derivation: Derivation) -> Row:
-    """Check that (33) is (31) followed by (32)."""
-    chained = equation_32(derivation)
-    start = 2 * beta * adb * (-P.kappa * adb * beta)
-    joined = equal("(31) ends where (32) starts", start, -2 * P.kappa * adb**2 * beta**2)
-    steps = [joined, true("(32) is proved", chained.verdict.status == "proved")]
-    return Row(33, decide(steps, "(31) and (32), given Assumption 1.", start, DECAY))
-
-
-def equation_34(derivation: Derivation) -> Row:
-    """Check the substitution of p3."""
-    mu = adb * beta * estimate * regressor
-    left = 2 * beta * adb * (-_GAMMA * mu * estimate * regressor)
-    right = -2 * _GAMMA * mu**2
-    steps = [equal("2 beta ADB p3 = -2 gamma mu^2", left, right)]
-    return Row(34, decide(steps, "Substitution of (19), (20), (22).", left, right))
-
-
-def equation_35(derivation: Derivation) -> Row:
-    """Check the outer branch of gamma."""
-    left = -2 * (1 / layer) * layer**2
-    steps = [equal("gamma = 1/|mu|", left, -2 * layer)]
-    return Row(35, decide(steps, "The outer branch of (23).", left, -2 * layer))
-
-
-def equation_36(derivation: Derivation) -> Row:
-    """Check the inner branch of gamma."""
-    left, right = -2 * _GAMMA * layer**2, -2 * layer**2 / EPS
-    steps = [equal("gamma = 1/eps", left.subs(_GAMMA, 1 / EPS), right)]
-    return Row(36, decide(steps, "The inner branch of (23).", left.subs(_GAMMA, 1 / EPS), right))
-
-
-_MU_ABS = size * estimate * regressor  # |mu|, as ahat Pi > 0
-
-
-def equation_37(derivation: Derivation) -> Row:
-    """Check the chain outside the layer."""
-    bound = 2 * size * alpha * regressor
-    lines = (DECAY - 2 * layer + bound, DECAY - 2 * _MU_ABS + bound, DECAY + CROSS)
-    sign = sp.Abs(adb * beta * estimate * regressor)
+def equation_33(case: Case) -> Row:
+    """Check the ends of (31) and (32) against one another."""
+    left, right = case.scalar(33, "left", p2=_p2(case)), case.scalar(33, "right")
     steps = [
-        equal("|mu| = |bhat| ahat Pi", sign, sp.Abs(adb * beta) * estimate * regressor),
-        equal("first equality", lines[0].subs(layer, _MU_ABS), lines[1]),
-        equal("second equality", lines[1], lines[2]),
+        equal("it is beta's share of p2", case.scalar(33, "left"), 2 * beta * adb * src.p2),
+        at_most("(31) and (32)", left, right.subs(ASSUMED), signs=SIGNS),
     ]
-    note = "The sum of (30), (33), (35); needs ahat >= 0, which remark 4 supplies."
-    return Row(37, decide(steps, note, lines[0], lines[2]))
+    return Row(33, decide(steps, "(31) and (32), given Assumption 1.", left, right))
 
 
-def equation_38(derivation: Derivation) -> Row:
-    """Check the chain inside the layer: complete the square."""
-    bound, share = 2 * size * alpha * regressor, 2 * size * estimate * regressor
-    inner = DECAY - 2 * layer**2 / EPS
-    lines = (
-        inner + bound,
-        inner + share - share + bound,
-        inner + 2 * layer + CROSS,
-        DECAY - 2 * (layer**2 / EPS - layer) + CROSS,
-        DECAY + 2 / (4 / EPS) + CROSS,
-        DECAY + EPS / 2 + CROSS,
-    )
+def equation_34(case: Case) -> Row:
+    """Check the substitution of p3, mu in it as (22) has it."""
+    p3 = case.in_terms("p3", mu=src.mu, effort=estimate * src.regressor)
+    left = case.scalar(34, "left", p3=p3).subs(src.mu, _MU)
+    gamma = case.layer
+    lines = [case.scalar(34, f"line{k}", gamma=gamma).subs(src.mu, _MU) for k in (1, 2, 3)]
+    steps = [equal(f"line {k}", line, left) for k, line in enumerate(lines, 1)]
+    return Row(34, decide(steps, "Substitution of (19), (20), (22).", lines[2], left))
+
+
+def _branch(case: Case, number: int, place: str) -> Row:
+    """Check one branch of gamma against the derived law, for both signs of mu."""
+    right = case.scalar(number, "right")
     steps = [
-        equal("a term added and taken away", lines[0], lines[1]),
-        equal("|mu| put in", lines[1].subs(layer, _MU_ABS), lines[2].subs(layer, _MU_ABS)),
-        equal("regrouped", lines[2], lines[3]),
-        at_most("the square completed", lines[3], lines[4], 2 * (layer - EPS / 2) ** 2 / EPS),
-        equal("2/(4/eps) = eps/2", lines[4], lines[5]),
+        equal(
+            f"gamma {name}",
+            case.scalar(number, "left", gamma=gamma).subs(at),
+            right.subs(at),
+        )
+        for name, gamma, at in layer_cases(case)
+        if name.startswith(place)
+    ]
+    note = f"The {'outer' if place == 'outside' else 'inner'} branch of (23)."
+    left = case.scalar(number, "left")
+    return Row(number, decide(steps, note, left, right))
+
+
+def equation_35(case: Case) -> Row:
+    """Check the outer branch of gamma."""
+    return _branch(case, 35, "outside")
+
+
+def equation_36(case: Case) -> Row:
+    """Check the inner branch of gamma."""
+    return _branch(case, 36, "inside")
+
+
+def beta_rate(case: Case, outside: bool) -> sp.Expr:
+    """Return beta' of (29) with the derived p2 and p3, out of the layer or in it."""
+    gamma = case.layer.replace(sp.Max, lambda *_: sp.Abs(src.mu) if outside else P.epsilon)
+    p3 = -gamma.subs(src.mu, _MU) * _MU * estimate * src.regressor
+    return -adb * fhat + adb * _p2(case) + adb * p3
+
+
+def _chain(case: Case, number: int, parts: tuple[str, ...], outside: bool) -> list[sp.Expr]:
+    found = [case.scalar(number, n, mu=_MU) for n in parts]
+    return [f.subs(src.dbeta, beta_rate(case, outside)).subs(ASSUMED) for f in found]
+
+
+def equation_37(case: Case) -> Row:
+    """Check the chain outside the layer, its first inequality from (29) on."""
+    parts = ("left", "line1", "line2", "line3")
+    left, first, second, third = _chain(case, 37, parts, True)
+    every = (*SIGNS, estimate)
+    (size,) = src.positive("ahat_size")
+    known = {estimate: size}
+    steps = [
+        at_most("(29), (30), (33), (35): line 1", left, first, signs=every),
+        *_both_ways("|mu| = |bhat| ahat Pi: line 2", first.subs(known), second.subs(known)),
+        equal("line 3", second, third),
+        at_most("line 3 bounds it for any sign of ahat Pi", left, third, signs=every),
+    ]
+    found = Counterexample(
+        ((adb, sp.S.One), (beta, sp.S.One), (src.effort, -sp.S.One)),
+        case.scalar(37, "line2", ahat=src.effort, Pi=1).subs(_QUIET),
+        case.scalar(37, "line1", mu=adb * beta * src.effort, Pi=1).subs(_QUIET),
+        "lines 2 and 1, said to be equal, with kappa = alpha = 0 and ahat^T Pi = -1",
+    )
+    repair = "ahat^T Pi >= 0, which follows from Pi_i >= 0, is assumed"
+    note = (
+        "The sum of (30), (33), (35). Line 2 puts |mu| = |bhat| ahat^T Pi, which for k > 1 needs "
+        "ahat^T Pi >= 0: see (15). Without it line 2 is an upper bound, and line 3 holds."
+    )
+    return Row(37, repaired(found, repair, steps, note, first, third))
+
+
+#: Leaves |mu| and |bhat| ahat Pi of (37) alone.
+_QUIET = {P.kappa: sp.S.Zero, src.alpha: sp.S.Zero}
+
+
+def _both_ways(name: str, one: sp.Expr, other: sp.Expr) -> list[Step]:
+    """Show an equality of magnitudes for every sign."""
+    return [at_most(name, one, other, signs=SIGNS), at_most(name, other, one, signs=SIGNS)]
+
+
+def _square(case: Case) -> sp.Expr:
+    """Return 2 (|mu| - eps/2)^2/eps."""
+    return 2 * (sp.Abs(_MU) - P.epsilon / 2) ** 2 / P.epsilon
+
+
+def equation_38(case: Case) -> Row:
+    """Check the chain inside the layer: complete the square."""
+    parts = ("left", *(f"line{k}" for k in range(1, 7)))
+    left, *lines = _chain(case, 38, parts, False)
+    every = (*SIGNS, estimate)
+    steps = [
+        at_most("(29), (30), (33), (36): line 1", left, lines[0], signs=every),
+        equal("line 2: a term added and taken away", lines[0], lines[1]),
+        at_most("line 3: |mu| put in", lines[1], lines[2], signs=every),
+        equal("line 4: regrouped", lines[2], lines[3]),
+        at_most("line 5: the square completed", lines[3], lines[4], _square(case), every),
+        equal("line 6: 2/(4/eps) = eps/2", lines[4], lines[5]),
     ]
     note = (
         "mu - mu^2/eps is eps/4 - (mu - eps/2)^2/eps, so its double is at most eps/2: the odd "
@@ -236,35 +284,53 @@ def equation_38(derivation: Derivation) -> Row:
     return Row(38, decide(steps, note, lines[3], lines[5]))
 
 
-def equation_39(derivation: Derivation) -> Row:
-    """Check that (39) covers both cases."""
-    union = DECAY + EPS / 2 + CROSS
-    inside = equation_38(derivation).verdict
+def equation_39(case: Case) -> Row:
+    """Check (39) outside the layer and in it, from (29) on."""
+    every = (*SIGNS, estimate)
+    outer, right = _chain(case, 39, ("left", "right"), True)
+    inner, _ = _chain(case, 39, ("left", "right"), False)
     steps = [
-        at_most("covers (37)", DECAY + CROSS, union, EPS / 2),
-        equal("is the end of (38)", union, inside.derived),
-        true("(38) is proved", inside.status == "proved"),
+        at_most("outside the layer", outer, right, signs=every),
+        at_most("in the layer", inner, right, _square(case), every),
+        equal("the end of (38)", right, _chain(case, 38, ("line6",), False)[0]),
     ]
-    return Row(39, decide(steps, "The larger of (37) and (38).", union, union))
+    return Row(39, decide(steps, "The larger of (37) and (38).", case.scalar(39, "right"), right))
 
 
-def equation_40(derivation: Derivation) -> Row:
-    """Check the chain of the adaptation term, Cauchy-Schwarz last."""
-    gap, ratio = estimate - alpha, K2 / K1
-    lines = (
-        2 / K1 * gap * (K1 * regressor * size - K2 * estimate),
-        2 * gap * regressor * size - 2 / K1 * gap * K2 * estimate,
-        2 * gap * regressor * size - 2 * ratio * gap * (gap + alpha),
-        2 * gap * regressor * size - 2 * ratio * gap**2 - 2 * ratio * gap * alpha,
+def equation_40(case: Case) -> Row:
+    """Check the chain of the adaptation term for two components, Cauchy-Schwarz last."""
+    ahat, alpha, pi = (sp.Matrix(src.real(f"{n}1 {n}2")) for n in ("ahat", "alpha", "Pi"))
+    (size,) = src.nonnegative("size")
+    law = [
+        case.in_terms("bound_estimate_rate", bhat=size, regressor=p, bound_estimate=a)
+        for a, p in zip(ahat, pi, strict=True)
+    ]
+    given = {"ahat": ahat, "alpha": alpha, "Pi": pi, "bhat": size, "dahat": sp.Matrix(law)}
+    left, *lines = (
+        case.scalar(40, n, **given) for n in ("left", *(f"line{k}" for k in range(1, 6)))
     )
-    steps = [equal(f"line {k + 2}", lines[k], lines[k + 1]) for k in range(3)]
-    rho = sp.Symbol("ratio", positive=True)
-    for sign in (1, -1):  # gap = +-size
-        certificate = 2 * rho * size * alpha * (1 + sign)
-        left, right = -2 * rho * sign * size * alpha, 2 * rho * size * alpha
-        steps.append(at_most(f"Cauchy-Schwarz, sign {sign:+d}", left, right, certificate))
+    steps = [
+        equal(f"line {k}", one, other)
+        for k, (one, other) in enumerate(zip((left, *lines[:3]), lines[:4], strict=True), 1)
+    ]
+    steps.append(_cauchy_schwarz(lines[4] - lines[3], ahat - alpha, alpha))
     note = "Line 3 writes a third argument t of Pi that no other line has; nothing depends on it."
-    return Row(40, decide(steps, note, lines[0], lines[3]))
+    return Row(40, decide(steps, note, left, lines[4]))
+
+
+def _cauchy_schwarz(gained: sp.Expr, gap: sp.Matrix, alpha: sp.Matrix) -> Step:
+    """Show that what the last line gains is |x| |y| + x^T y times a positive factor.
+
+    (|x| |y|)^2 - (x^T y)^2 is a square, (x1 y2 - x2 y1)^2.
+    """
+    x, y = gap, alpha
+    sizes = sp.sqrt(x[0] ** 2 + x[1] ** 2) * sp.sqrt(y[0] ** 2 + y[1] ** 2)
+    inner = (x.T * y)[0]
+    factor = 2 * P.k2 / P.k1
+    lagrange = (x[0] ** 2 + x[1] ** 2) * (y[0] ** 2 + y[1] ** 2) - inner**2
+    square = equal("", lagrange, (x[0] * y[1] - x[1] * y[0]) ** 2)
+    form = equal("line 5: Cauchy-Schwarz", gained, factor * (sizes + inner))
+    return form if square.holds else square
 
 
 EQUATIONS = (

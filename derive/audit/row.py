@@ -8,8 +8,9 @@ from typing import TypeAlias
 
 import sympy as sp
 
-PROVED, DIFFERS, NOT_CHECKABLE = "proved", "differs", "not-checkable"
-STATUSES = (PROVED, DIFFERS, NOT_CHECKABLE)
+PROVED, REPAIRED, DIFFERS = "proved", "repaired", "differs"
+NOT_CHECKABLE = "not-checkable"
+STATUSES = (PROVED, REPAIRED, DIFFERS, NOT_CHECKABLE)
 
 #: A form as shown: a SymPy object, or words where the source makes a statement.
 Form: TypeAlias = "sp.Basic | str"
@@ -43,7 +44,10 @@ class Counterexample:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a check ended: status, why, both forms and the counter-example of a difference."""
+    """How a check ended: status, why, both forms and the counter-example of a difference.
+
+    What is `repaired` fails as printed, by the counter-example, and is proved with `repair`.
+    """
 
     status: str
     note: str
@@ -51,6 +55,7 @@ class Verdict:
     derived: Form
     counterexample: Counterexample | None = None
     checks: tuple[str, ...] = ()
+    repair: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,9 +69,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Finding:
-    """A verdict on a statement without a number; `equations` are the numbers it bears on."""
+    """A verdict on a statement without a number, and `place`, where the source makes it.
+
+    `equations` are the numbers it bears on.
+    """
 
     name: str
+    place: str
     claim: str
     verdict: Verdict
     equations: tuple[int, ...] = ()

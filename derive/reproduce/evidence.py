@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pfaffian.derive.reproduce.tables import Comparison, number
@@ -17,6 +18,9 @@ from pfaffian.runtime.reproduce.measures import measures
 from pfaffian.runtime.reproduce.plan import USED
 from pfaffian.runtime.reproduce.result import FAILS, HOLDS, PARTLY, Claim
 
+if TYPE_CHECKING:
+    from pfaffian.derive.reproduce.sampled import Sampled
+
 #: What counts as at the goal: an error, and |beta|, of the last two seconds, in rad and rad/s.
 SMALL = 0.02
 TESTS = "tests/test_reproduction.py"
@@ -24,7 +28,8 @@ TESTS = "tests/test_reproduction.py"
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that was measured for a section."""
+    """All that was measured for a section; `others` are the runs with other choices of ours and
+    those that set the sampled law apart, `sampled` its flights."""
 
     section: str
     runs: Mapping[str, Run]
@@ -32,6 +37,8 @@ class Evidence:
     compared: Sequence[Comparison]
     judged: Sequence[Judged]
     flights: Sequence[Agreement]
+    others: Mapping[str, Run] = field(default_factory=dict)
+    sampled: Sequence[Sampled] = ()
 
     def run(self, column: str, terms: str = "") -> Run:
         """Return a run of the figures."""
@@ -46,6 +53,10 @@ class Evidence:
     def variant(self, column: str, mark: str, terms: str = "") -> Run:
         """Return a run with something changed."""
         return self.variants[f"{self.section}-{column}-{terms or USED[self.section]}-{mark}"]
+
+    def other(self, column: str, mark: str) -> Run:
+        """Return a run with another choice of ours, or between continuous and sampled law."""
+        return self.others[f"{self.section}-{column}-{USED[self.section]}-{mark}"]
 
     def deviation(self, column: str, terms: str = "") -> float:
         """Return the largest change of a run's figures under any fine solver."""

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
 from pfaffian.derive.reproduce import tables, theorem
+from pfaffian.derive.reproduce.choices import choices_claim, choices_table
 from pfaffian.derive.reproduce.claims import CLAIMS
 from pfaffian.derive.reproduce.evidence import Evidence
+from pfaffian.derive.reproduce.sampled import sampled_claim, sampled_flights, sampled_table
 from pfaffian.derive.reproduce.work import MODEL, fly_all
 from pfaffian.runtime.errors import CheckError, MissingToolError
 from pfaffian.runtime.generated_model import GeneratedFolder, host_model, open_generated
@@ -19,11 +21,13 @@ from pfaffian.runtime.reproduce.figures import FIGURES
 from pfaffian.runtime.reproduce.fly import Run, Task
 from pfaffian.runtime.reproduce.plan import (
     USED,
+    choice_tasks,
     convergence_checks,
     figure_tasks,
+    softened_tasks,
     variant_tasks,
 )
-from pfaffian.runtime.reproduce.result import Request, SectionResult, Table
+from pfaffian.runtime.reproduce.result import Claim, Request, SectionResult, Table
 
 _IN_ENGINE = ("section-5.1-paper", "section-5.1-designed")
 
@@ -51,9 +55,10 @@ def _studied(
     section: str, main: Mapping[str, Task], folder: GeneratedFolder, request: Request
 ) -> SectionResult:
     variants = variant_tasks(folder, section)
-    compared_with = convergence_checks(main, variants)
+    others = {**choice_tasks(folder, section), **softened_tasks(folder, section)}
+    compared_with = convergence_checks(main, {**variants, **others})
     checks = {f"{c.reference} {k}": c for k, c in enumerate(compared_with)}
-    every = {**main, **variants, **{n: c.task for n, c in checks.items()}}
+    every = {**main, **variants, **others, **{n: c.task for n, c in checks.items()}}
     flown = _flown(every, folder, request, section)
     runs = {n: flown[n] for n in main}
     compared = [tables.compare(c, flown[n], flown[c.reference]) for n, c in checks.items()]
@@ -61,14 +66,25 @@ def _studied(
     judged, refused = _judged(section, runs)
     request.update(f"section {section}: Theorem 1", 1, 1)
     flights, skipped = _in_engine(section, folder, request)
-    seen = Evidence(section, runs, {n: flown[n] for n in variants}, compared, judged, flights)
+    request.update(f"section {section}: sampled law", 0, 1)
+    seen = Evidence(
+        section,
+        runs,
+        {n: flown[n] for n in variants},
+        compared,
+        judged,
+        flights,
+        {n: flown[n] for n in others},
+        sampled_flights(folder) if section == "5.1" else (),
+    )
+    request.update(f"section {section}: sampled law", 1, 1)
     figures = [FIGURES[n].drawn(runs) for n in request.figures]
     if judged:
         figures.append(theorem.figure(section, judged))
     return SectionResult(
         tuple(figures),
         _tables(section, seen),
-        CLAIMS[section](seen),
+        _claims(section, seen),
         (*tables.unsettled(compared), *refused, *_broken(judged)),
         skipped,
     )
@@ -109,6 +125,12 @@ def _in_engine(
     return flights, ()
 
 
+def _claims(section: str, seen: Evidence) -> tuple[Claim, ...]:
+    """Return the claims of the paper, then what is said of our own choices."""
+    own = [choices_claim(seen), *([sampled_claim(seen)] if seen.sampled else [])]
+    return (*CLAIMS[section](seen), *own)
+
+
 def _tables(section: str, seen: Evidence) -> tuple[Table, ...]:
     made = [
         tables.measure_table(section, seen.runs, f"measures-{section}", "The runs in numbers"),
@@ -117,6 +139,9 @@ def _tables(section: str, seen: Evidence) -> tuple[Table, ...]:
             section, seen.variants, f"variants-{section}", "Other starts, signs and gains"
         ),
     ]
+    made.append(choices_table(seen))
+    if seen.sampled:
+        made.append(sampled_table(seen))
     if seen.judged:
         made.append(tables.theorem_table(section, seen.judged))
     if seen.flights:

@@ -39,6 +39,8 @@ _CHANGES = {
     "kappa-20": "κ = 20",
     "epsilon-1": "ε = 1",
 }
+#: The same for marks that end in a number.
+_MARKS = {"ahat-": "α̂(t₀) = {} N m", "softened-": "p₂ as in the sampled law of {} s"}
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,9 @@ def number(value: float, digits: int = 4) -> str:
 
 def end_text(run: Run) -> str:
     """Return how a run ended."""
-    return f"{duration_text(run.end)}: {_ENDS[run.ended]}" if run.ended else "10 s"
+    if run.ended:
+        return f"{duration_text(run.end)}: {_ENDS[run.ended]}"
+    return f"{run.case.duration:g} s"
 
 
 def measure_table(section: str, runs: Mapping[str, Run], name: str, title: str) -> Table:
@@ -120,8 +124,16 @@ def label(run: Run) -> str:
     if case.column == LQR:
         return "LQR"
     rest = case.name.removeprefix(f"{case.section}-{case.column}-{case.terms}").strip("-")
-    words = f", {_CHANGES[rest]}" if rest else ""
+    words = f", {_change_text(rest)}" if rest else ""
     return f"as {case.column}, {terms_text(case)}{words}"
+
+
+def _change_text(mark: str) -> str:
+    """Return what the end of a variant's name stands for."""
+    for start, words in _MARKS.items():
+        if mark.startswith(start):
+            return words.format(mark.removeprefix(start))
+    return _CHANGES.get(mark) or mark.replace("-", " ")
 
 
 def convergence_table(section: str, comparisons: Sequence[Comparison]) -> Table:
@@ -170,7 +182,7 @@ def _solver(run: Run) -> str:
 def _figures(run: Run) -> tuple[str, ...]:
     m = measures(run)
     values = (m["iae_q1"], m["iae_q2"], m["mae2_q1"], m["mae2_q2"])
-    end = f"{run.end:.7g} s" if run.ended else "10 s"
+    end = f"{run.end:.7g} s" if run.ended else f"{run.case.duration:g} s"
     shown = ["–"] * 4 if run.ended else [number(v, 6) for v in values]
     return (f"{run.evaluations}" if run.evaluations else "–", end, *shown)
 

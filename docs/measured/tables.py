@@ -22,9 +22,11 @@ def main(section: str, *names: str) -> None:
         if name not in tables:
             sys.exit(f"{name}: not a table of {section}; one of {', '.join(tables)}")
         columns = tables[name]["columns"]
-        print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
-        for row in tables[name]["rows"]:
-            print(f"| {' | '.join(str(cell) for cell in row)} |")
+        rows = [[str(cell).replace("|", "\\|") for cell in row] for row in tables[name]["rows"]]
+        heads = [column.replace("|", "\\|") for column in columns]
+        print(f"| {' | '.join(heads)} |\n|{'---|' * len(columns)}")
+        for row in rows:
+            print(f"| {' | '.join(row)} |")
         print()
 
 

@@ -24,6 +24,7 @@ FRICTION = {
 }
 #: q1, q2 [rad] and their rates [rad/s] at the start of all simulations, as printed.
 START = (1.0, 0.5, 1.0, 0.0)
+#: Ours: the paper calls the length t_f and gives no number.
 DURATION = 10.0
 
 
@@ -31,7 +32,8 @@ DURATION = 10.0
 class Case:
     """One run: `controller` and `plant` hold parameters by name, `start` (q1, q2, q1', q2'), all in
     SI units; `feedback` is the row K of an LQR, tau = -K (e, q'), in N m per rad and rad/s. With
-    `adaptation_printed` (48) stands for (15), and all else is as derived."""
+    `adaptation_printed` (48) stands for (15), and all else is as derived. With `softened`, a period
+    T in s, p2 is divided by 1 + T kappa (ADB)^2, as the sampled law of that period has it."""
 
     name: str
     section: str
@@ -43,6 +45,7 @@ class Case:
     duration: float = DURATION
     feedback: tuple[float, ...] = ()
     adaptation_printed: bool = False
+    softened: float = 0.0
 
 
 def case_of(
@@ -105,3 +108,13 @@ def damping(case: Case, joints: tuple[int, ...] = (1, 2)) -> Case:
 def with_printed_adaptation(case: Case) -> Case:
     """Return `case` with (48) in place of (15) and all else as derived."""
     return replace(case, name=f"{case.name}-48", adaptation_printed=True)
+
+
+def softened(case: Case, period: float) -> Case:
+    """Return `case` with p2 as weak as in the sampled law of `period` [s], but still continuous."""
+    return replace(case, name=f"{case.name}-softened-{period:g}", softened=period)
+
+
+def lasting(case: Case, duration: float) -> Case:
+    """Return `case` flown for `duration` [s]."""
+    return replace(case, name=f"{case.name}-{duration:g}-s", duration=duration)

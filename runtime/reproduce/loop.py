@@ -110,6 +110,9 @@ class Loop:
         rate = out.bound_estimate_rate
         if self.case.adaptation_printed:
             rate = self._printed_rate(self._regressor(q1, q2, v1, v2), q2, bound)
+        if self.case.softened:
+            p2 = out.p2 / (1.0 + self.case.softened * self.case.controller["kappa"] * out.adb**2)
+            return out.p1 + p2 + out.p3, rate, out.p1, p2, out.p3
         return out.tau, rate, out.p1, out.p2, out.p3
 
     def _regressor(self, q1: float, q2: float, v1: float, v2: float) -> float:

@@ -18,7 +18,9 @@ from pfaffian.runtime.reproduce.cases import (
     case_of,
     changed,
     damping,
+    lasting,
     scaled_friction,
+    softened,
     with_printed_adaptation,
 )
 from pfaffian.runtime.reproduce.fly import CVODES, Task
@@ -30,6 +32,11 @@ USED = {"5.1": TERMS[1], "5.2": TERMS[2], "5.3": TERMS[2]}
 REST = (START[0], START[1], 0.0, 0.0)
 #: Tolerances of MATLAB's ode45 where none are given; its pair is that of RK45.
 ODE45 = ("RK45", 1e-3, 1e-6)
+#: Other values of what the paper leaves open and we chose: ahat(t0) [N m], the length of a run [s].
+OTHER_ESTIMATES = (0.01, 1.0)
+SHORTER, LONGER = 5.0, 20.0
+#: Periods in s at which the sampled law is set beside the continuous one, the target's first.
+PERIODS = (1e-3, 5e-4, 2e-4, 1e-4)
 _LQR_SOLVER = ("Radau", 1e-12, 1e-14)
 _FAST_RECORD = 2e-4
 
@@ -90,6 +97,29 @@ def variant_tasks(folder: GeneratedFolder, section: str) -> dict[str, Task]:
     return {n: replace(t, record=1e-3) if t.record else t for n, t in tasks.items()}
 
 
+def choice_tasks(folder: GeneratedFolder, section: str) -> dict[str, Task]:
+    """Return the runs with other values of what the paper leaves open, by name.
+
+    Shorter ones are cut from those of the figures. Without adaptation (5.1) no ahat acts.
+    """
+    cases: list[Case] = []
+    for column in (DERIVED, DESIGNED):
+        case = case_of(folder, section, column, USED[section])
+        cases.append(lasting(case, LONGER))
+        if section != "5.1":
+            cases += [changed(case, f"ahat-{a:g}", bound_initial=a) for a in OTHER_ESTIMATES]
+    return {c.name: replace(main_task(c), record=1e-3) for c in cases}
+
+
+def softened_tasks(folder: GeneratedFolder, section: str) -> dict[str, Task]:
+    """Return section 5.1 with p2 as weak as in the sampled law, for each of `PERIODS`, by name."""
+    if section != "5.1":
+        return {}
+    cases = [case_of(folder, section, column, USED[section]) for column in (DERIVED, DESIGNED)]
+    weak = [softened(case, period) for case in cases for period in PERIODS]
+    return {c.name: main_task(c) for c in weak}
+
+
 def _settling(case: Case) -> list[Case]:
     """Return section 5.3 with other signs, sizes and gains."""
     damped = damping(case, (2,))
@@ -122,7 +152,7 @@ def convergence_checks(
 
 def _another(case: Case) -> list[tuple[str, float, float, bool]]:
     """Return the one solver that a variant is compared with."""
-    if case.adaptation_printed:  # which the second formulation does not have
+    if case.adaptation_printed or case.softened:  # which the second formulation does not have
         return [("LSODA", 1e-6, 1e-8, True)]
     if case.terms == TERMS[0] or case.name.endswith(("damping", "damping-both")):
         return [("LSODA", 1e-10, 1e-12, True)]  # these end in the singular set
