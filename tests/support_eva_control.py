@@ -163,7 +163,8 @@ _HELP = {
         ),
         (
             "    if (value > limit) {",
-            "    /*@ admit !\\is_NaN(limit); */\n    if (value > limit) {",
+            "    /*@ admit !\\is_NaN(limit) && \\is_finite(limit) && limit >= 0.0; */\n"
+            "    if (value > limit) {",
         ),
         (
             "    whole = (double)(int32_t)",

@@ -339,7 +339,7 @@ def test_start_gives_all_attempts_again_and_none_are_counted_with_zero():
 
 
 def test_trip_stops_at_once_keeps_the_first_fault_and_takes_no_unknown_one():
-    for number, fault in ((Fault.RANGE, Fault.RANGE), (0, Fault.NUMERIC), (14, Fault.NUMERIC),
+    for number, fault in ((Fault.RANGE, Fault.RANGE), (0, Fault.NUMERIC), (16, Fault.NUMERIC),
                           (0xFFFFFFFF, Fault.NUMERIC)):  # fmt: skip
         unit = Unit().bring_to(BALANCE)
         out = unit.run(1)

@@ -160,8 +160,11 @@ pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     const pf_supervisor_params_t *params)
 {
     const int exact = pf_arithmetic_holds();
-    const uint32_t good = (exact && parameters_are_valid(params)) ? 1U : 0U;
+    uint32_t good = 0U;
 
+    if (exact && parameters_are_valid(params)) {
+        good = 1U;
+    }
     clear(state);
     state->ready = good;
     state->ready_inverse = ~good;

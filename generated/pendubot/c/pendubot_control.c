@@ -325,24 +325,36 @@ static int parameters_are_valid(const pendubot_control_params_t *params)
 pendubot_status_t pendubot_control_init(pendubot_control_state_t *state,
     const pendubot_control_params_t *params)
 {
-    const uint32_t exact = pf_arithmetic_holds() ? 1U : 0U;
     const pendubot_status_t law = pendubot_init(&state->law, &params->law);
     pf_sensing_status_t sensing;
     pf_supervisor_status_t supervisor;
-    uint32_t good = (law == PENDUBOT_OK) ? 1U : 0U;
-    uint32_t wrong = (law == PENDUBOT_BAD_ARITHMETIC) ? 1U : 0U;
+    uint32_t good = 1U;
+    uint32_t wrong = 0U;
 
     sensing = pf_sensing_init(&state->q1_encoder, &params->q1_encoder);
-    good &= (sensing == PF_SENSING_OK) ? 1U : 0U;
-    wrong |= (sensing == PF_SENSING_BAD_ARITHMETIC) ? 1U : 0U;
+    if (sensing != PF_SENSING_OK) {
+        good = 0U;
+    }
+    if (sensing == PF_SENSING_BAD_ARITHMETIC) {
+        wrong = 1U;
+    }
     state->q1_shift = 0.0;
     sensing = pf_sensing_init(&state->q2_encoder, &params->q2_encoder);
-    good &= (sensing == PF_SENSING_OK) ? 1U : 0U;
-    wrong |= (sensing == PF_SENSING_BAD_ARITHMETIC) ? 1U : 0U;
+    if (sensing != PF_SENSING_OK) {
+        good = 0U;
+    }
+    if (sensing == PF_SENSING_BAD_ARITHMETIC) {
+        wrong = 1U;
+    }
     state->q2_shift = 0.0;
     supervisor = pf_supervisor_init(&state->supervisor, &params->supervisor);
-    good &= (supervisor == PF_SUPERVISOR_OK) ? 1U : 0U;
-    wrong |= ((exact == 0U) || (supervisor == PF_SUPERVISOR_BAD_ARITHMETIC)) ? 1U : 0U;
+    if ((law != PENDUBOT_OK) || (supervisor != PF_SUPERVISOR_OK)) {
+        good = 0U;
+    }
+    if ((pf_arithmetic_holds() == 0) || (law == PENDUBOT_BAD_ARITHMETIC) ||
+        (supervisor == PF_SUPERVISOR_BAD_ARITHMETIC)) {
+        wrong = 1U;
+    }
     if (!own_parameters_are_valid(params) ||
         (pendubot_control_checksum(params) != params->checksum)) {
         good = 0U;
