@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 JOBS ?= 2
 
 .PHONY: run test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips \
-  mutants vectors soak bench reproduce docs setup clean
+  mutants misprints vectors soak bench reproduce docs setup clean
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -86,6 +86,10 @@ reproduce: $(READY)
 # RENEW=--write` puts the figures printed now into the pages.
 docs: $(READY)
 	$(BIN)/python docs/printed.py $(RENEW)
+
+# Every sign, number and symbol of the audited equations misprinted in turn (minutes).
+misprints: $(READY)
+	PFAFFIAN_EVERY_MISPRINT=1 $(BIN)/python -m pytest -n $(JOBS) tests/test_audit.py -k every_sign
 
 setup: $(READY)
 

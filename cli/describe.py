@@ -49,7 +49,10 @@ def show_derivation(reference: str, set_name: str | None, form: str, as_json: bo
     model = lowered_model(folder)
     design = None
     if set_name:
-        design = assess(model, parameter_set(model, folder, folder.set_path(set_name)))
+        values = parameter_set(model, folder, folder.set_path(set_name))
+        for line in values.notes:
+            output.note(line)
+        design = assess(model, values)
     documents = dict(model.documents)
     derivation = json_module.loads(documents["derivation.json"])
     unproved = [i["name"] for i in derivation["identities"] if not i["proved"]]
@@ -85,6 +88,8 @@ def _print_design(set_name: str, design: object) -> None:
         ("kappa (ADB)^2 [1/s]", output.figure(values["contraction"])),
     ]
     output.table(f"parameter set {set_name}", ("figure", "value"), rows)
+    for note in values["cyclic"]:
+        output.say(note)
     if values["hurwitz"]:
         margins = [(m.condition, output.figure(m.margin)) for m in values["hurwitz"]]
         title = f"Hurwitz conditions, parameter set {set_name}"

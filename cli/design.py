@@ -64,6 +64,7 @@ def design_gains(reference: str, wishes: Wishes, files: DesignFiles, as_json: bo
     write_outputs(outputs)
     document = {
         **found.as_json(),
+        "notes": list(found.parameters.notes),
         "compare": [{"set": c.name, **asdict(c.design)} for c in compared],
         "written": str(files.written) if files.written and not failure else None,
         "plot": str(files.plot) if files.plot else None,
@@ -165,6 +166,8 @@ def _origin(found: Study) -> str:
 def _print(found: Study, compared: Sequence[Compared], document: dict[str, Any]) -> None:
     title = f"{found.model} {found.parameters.name}, gains {_origin(found)}"
     output.table(title, ("figure", "value"), [*_figures(found.design), *_extras(found)])
+    for note in (*found.parameters.notes, *found.design.cyclic):
+        output.say(note)
     if found.worst_case:
         _print_worst_case(found)
     if compared:

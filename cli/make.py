@@ -93,6 +93,8 @@ def generate_files(
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
         )
     clock.record("parameters", since)
+    for line in (n for s in sets for n in s.notes):
+        output.note(line)
     jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
     plans = () if extras.bake else plan_tables(model, source, sets, extras.plan)
     since = time.perf_counter()
@@ -120,6 +122,7 @@ def generate_files(
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
+                "notes": [n for s in sets for n in s.notes],
                 "files": len(generation.files),
                 "changed": changed,
                 "passes": [asdict(p) for p in model.passes],

@@ -36,6 +36,7 @@ from pfaffian.derive.spec import (
     symbol_of,
     symbols_of,
 )
+from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.given_names import given_away
 
@@ -66,6 +67,7 @@ class ModelBuilder:
         self._own_uncertain: list[Parameter] = []
         self._own_friction: list[tuple[sp.Expr, sp.Expr]] = []
         self._residuals: list[_Residual] = []
+        self._references: list[sp.Expr] = []
         self._swing_up: tuple[Parameter, ...] = ()
 
     def coordinate(
@@ -110,6 +112,7 @@ class ModelBuilder:
                 f"model {self._name}: friction along {rate}, which is not linear in the velocities",
                 remedy="give q' of a joint, or a difference of two; put the law into the force",
             )
+        check_supported(sp.sympify(force), f"model {self._name}: the friction along {rate}")
         self._own_friction.append((rate, sp.sympify(force)))
 
     def setpoint(self, coordinate: sp.Symbol) -> sp.Symbol:
@@ -165,6 +168,7 @@ class ModelBuilder:
         value, speed = self._expression(name, phi), self._expression(name, rate)
         residual = holonomic(value, speed, self._coordinates)
         self.first_order(name, unit_product((unit, 1), ("s", -1)), residual)
+        self._references.append(value)
 
     def second_order(self, name: str, unit: str, psi: sp.Expr) -> None:
         """Add psi = A(q, q', t) q'' - b(q, q', t) = 0, psi in `unit`, written in accelerations."""
@@ -198,6 +202,7 @@ class ModelBuilder:
                 "expression",
                 remedy="give each constraint by a call of its own, in the symbols declared",
             )
+        check_supported(found, f"model {self._name}: the servo-constraint {name}")
         return found
 
     def _add(self, made: _Residual) -> None:
@@ -355,6 +360,7 @@ class ModelBuilder:
             drift=Matrix(drift),
             errors=Matrix(errors),
             setpoint=tuple(getattr(p, f"{c.name}d") for c in self._coordinates),
+            references=tuple(self._references),
         )
 
     def _standard_residual(

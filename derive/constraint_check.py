@@ -9,6 +9,7 @@ import sympy as sp
 from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.dimensions import dimension_of
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
+from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
 from sympy.core.function import AppliedUndef
@@ -71,6 +72,7 @@ def check_symbols(
             remedy=f"write it in the symbols that coordinate() returns: {name} and d{name}",
             about=about,
         )
+    check_supported(value, f"model {spec.name}: {what}", about)
     strange = sorted(value.free_symbols - allowed, key=lambda s: str(s.name))
     if not strange:
         return

@@ -15,6 +15,7 @@ from pfaffian.derive.control_terms import (
     take_measurement,
     take_parameters,
 )
+from pfaffian.derive.cyclic import cyclic_blocks
 from pfaffian.derive.dimensions import dimension_of, force_unit
 from pfaffian.derive.following_law import following_law
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
@@ -231,7 +232,9 @@ def _design_blocks(
             _minors(spec, dynamics),
             _rest_force(spec, dynamics),
             _rest_constraint(spec, constraint),
+            _rest_reference(spec),
             _polynomial(spec, zeros),
+            *cyclic_blocks(spec, dynamics, zeros.cyclic, zeros.at_origin),
             _synthesis(spec, zeros),
             _conditions(spec),
         )
@@ -316,6 +319,22 @@ def _rest_constraint(spec: ModelSpec, constraint: Constraint) -> Block | None:
     for k, (value, unit, text) in enumerate(left):
         builder.give(f"rest{k + 1}", value, unit, text)
     return builder.build() if left else None
+
+
+def _rest_reference(spec: ModelSpec) -> Block | None:
+    """What is to vanish of the constraints on positions that move, at the setpoint at time 0."""
+    moving = [phi for phi in spec.constraint.references if TIME in phi.free_symbols]
+    if not moving:
+        return None
+    builder = BlockBuilder(
+        "rest_reference", f"{spec.title}: moving constraints at time 0", spec.own
+    )
+    take_parameters(builder, spec, "lumped", "plant", "synthesised", "gain")
+    at_rest = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
+    at_rest |= dict.fromkeys([*spec.velocities, TIME], sp.S.Zero)
+    for k, phi in enumerate(moving):
+        builder.give(f"reference{k + 1}", phi.subs(at_rest), "", "zero where the reference begins")
+    return builder.build()
 
 
 def _polynomial(spec: ModelSpec, zeros: ZeroDynamics) -> Block:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sympy as sp
+from pfaffian.derive.functions import side
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.quantity import unit_registry
+from sympy.core.relational import Relational
 
 #: Names in the order a person writes them, for units that pint reduced to base units.
 _SHORT = (("kilogram", "kg"), ("meter", "m"), ("second", "s"))
 #: Units with a name of their own, by their exponents of kg, m and s.
 _NAMED = (("N*m", (1, 2, -2)), ("N", (1, 1, -2)))
+#: Functions whose arguments have one dimension, and those that look at a sign alone.
+_OF_ONE_KIND = (sp.Max, sp.Min, sp.atan2)
+_STEPS = (sp.sign, side, sp.Heaviside)
 
 
 def force_unit(coordinate_unit: str) -> str:
@@ -76,6 +81,8 @@ def dimension_of(expression: sp.Basic, units: Mapping[str, str], where: str) -> 
                 about=expression.name,
             )
         return registry.parse_units(units[expression.name]).dimensionality
+    if isinstance(expression, sp.Piecewise):
+        return _piecewise(expression, units, where)
     parts = [dimension_of(a, units, where) for a in expression.args]
     if expression.is_Add:
         for term, part in zip(expression.args, parts, strict=True):
@@ -91,13 +98,54 @@ def dimension_of(expression: sp.Basic, units: Mapping[str, str], where: str) -> 
         for part in parts:
             total = total * part
         return total
+    if expression.is_Pow:
+        if not expression.exp.is_number:
+            _all_one(expression, parts, where)
+            return one
+        return parts[0] ** float(expression.exp)
     if isinstance(expression, sp.Abs):
         return parts[0]
-    if expression.is_Pow:
-        return parts[0] ** float(expression.exp)
+    if isinstance(expression, _OF_ONE_KIND):
+        same = _one_dimension(expression, expression.args, parts, where)
+        return one if isinstance(expression, sp.atan2) else same
+    if isinstance(expression, _STEPS):
+        return one
+    _all_one(expression, parts, where)
+    return one
+
+
+def _piecewise(expression: sp.Piecewise, units: Mapping[str, str], where: str) -> Any:
+    """Return the dimension of all branches; the sides of each condition must have one too."""
+    for relation in expression.atoms(Relational):
+        sides = [dimension_of(a, units, where) for a in relation.args]
+        _one_dimension(relation, relation.args, sides, where)
+    branches = [e for e, _ in expression.args]
+    parts = [dimension_of(e, units, where) for e in branches]
+    return _one_dimension(expression, branches, parts, where)
+
+
+def _one_dimension(
+    whole: sp.Basic, arguments: Sequence[sp.Basic], parts: Sequence[Any], where: str
+) -> Any:
+    """Return the dimension that `arguments` share; a zero has any."""
+    counted = [(a, p) for a, p in zip(arguments, parts, strict=True) if a != 0]
+    if not counted:
+        return parts[0]
+    first, dimension = counted[0]
+    for argument, part in counted[1:]:
+        if part != dimension:
+            raise InputError(
+                f"{where}: in {whole}, {argument} has dimension {part}, but {first} has "
+                f"{dimension}",
+                remedy="mend the units of the symbols in the two",
+            )
+    return dimension
+
+
+def _all_one(expression: sp.Basic, parts: Sequence[Any], where: str) -> None:
+    one = unit_registry().Quantity(1, "").dimensionality
     if any(part != one for part in parts):
         raise InputError(
             f"{where}: argument of {expression.func.__name__} in {expression} is not dimensionless",
             remedy="divide the argument by a scale of its own dimension",
         )
-    return one

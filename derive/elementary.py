@@ -1,9 +1,10 @@
 """Coefficients of the emitted elementary functions, computed here and not taken from a library.
 
 The target has no mathematical library, and two libraries never agree in the last bit, so the
-emitted C brings its own `sqrt`, `sin`, `cos`, `atan`, `exp`, `expm1` and `tanh`. Everything those
-need is computed with mpmath, at many more digits than a double holds, and rounded once: the
-polynomials by `elementary_fit`, the tables by `elementary_tables`.
+emitted C brings its own `sqrt`, `sin`, `cos`, `atan`, `exp`, `expm1` and `tanh`, and where a model
+calls them `log`, `asin`, `acos`, `sinh` and `cosh`. Everything those need is computed with mpmath,
+at many more digits than a double holds, and rounded once: the polynomials by `elementary_fit`, the
+tables by `elementary_tables`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pfaffian.derive.elementary_fit import (
     short_part,
     split,
 )
+from pfaffian.derive.elementary_further import FURTHER_ULP_BOUNDS, further_context
 from pfaffian.derive.elementary_tables import (
     ATAN_OFFSET,
     ATAN_ROWS_PER_OCTAVE,
@@ -56,6 +58,7 @@ ULP_BOUNDS: dict[str, float] = {
     "exp": 0.65,
     "expm1": 0.95,
     "tanh": 0.85,
+    **FURTHER_ULP_BOUNDS,
 }
 
 #: Adding it to |v| < 2^51 rounds v to an integer, which the low word of the sum then holds.
@@ -181,6 +184,7 @@ def render_context() -> dict[str, object]:
         "two_minus_500": literal(2.0**-500),
         "two_900": literal(2.0**900),
         "two_minus_900": literal(2.0**-900),
+        "further": further_context(literal, horner),
     }
 
 

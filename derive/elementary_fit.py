@@ -160,3 +160,35 @@ def fit_exp(top: Any, terms: int, rounding: Rounding = to_double) -> Polynomial:
     fit = _interpolate(series, _chebyshev_points(-top, top, terms), rounding)
     error = _worst(lambda r: r + r**2 * evaluate(fit, r), mpmath.expm1, -top, top)
     return Polynomial(fit, error)
+
+
+def fit_log(top: Any, terms: int, rounding: Rounding = to_double) -> Polynomial:
+    """Fit L in log(1 + f) = 2 s + s^3 L(s^2), s = f/(2 + f), for 0 <= f <= top."""
+    end = top / (2 + top)
+    series = _series(lambda k: mpmath.mpf(2) / (2 * k + 3))
+    fit = _interpolate(series, _stretched_points(end**2, terms), rounding)
+    error = _worst(
+        lambda s: 2 * s + s**3 * evaluate(fit, s * s),
+        lambda s: mpmath.log((1 + s) / (1 - s)),
+        0,
+        end,
+    )
+    return Polynomial(fit, error)
+
+
+def fit_asin(top: Any, terms: int, rounding: Rounding = to_double) -> Polynomial:
+    """Fit B in asin x = x + x^3 B(x^2) on |x| <= top."""
+    series = _series(
+        lambda k: mpmath.binomial(2 * k + 2, k + 1) / mpmath.mpf(4) ** (k + 1) / (2 * k + 3)
+    )
+    fit = _interpolate(series, _stretched_points(top**2, terms), rounding)
+    error = _worst(lambda x: x + x**3 * evaluate(fit, x * x), mpmath.asin, 0, top)
+    return Polynomial(fit, error)
+
+
+def fit_sinh(top: Any, terms: int, rounding: Rounding = to_double) -> Polynomial:
+    """Fit H in sinh x = x + x^3 H(x^2) on |x| <= top."""
+    series = _series(lambda k: 1 / mpmath.factorial(2 * k + 3))
+    fit = _interpolate(series, _stretched_points(top**2, terms), rounding)
+    error = _worst(lambda x: x + x**3 * evaluate(fit, x * x), mpmath.sinh, 0, top)
+    return Polynomial(fit, error)

@@ -22,6 +22,7 @@ from pfaffian.derive.elementary_fit import (
     split,
     to_single,
 )
+from pfaffian.derive.elementary_further import FURTHER_ULP_BOUNDS_SINGLE, further_context
 from pfaffian.derive.elementary_tables import (
     ATAN_OFFSET,
     ATAN_ROWS_PER_OCTAVE,
@@ -49,6 +50,7 @@ ULP_BOUNDS_SINGLE: dict[str, float] = {
     "exp": 0.8,
     "expm1": 0.95,
     "tanh": 0.9,
+    **FURTHER_ULP_BOUNDS_SINGLE,
 }
 
 _ROUND_SHIFT = 1.5 * 2.0**23
@@ -147,6 +149,7 @@ def single_render_context() -> dict[str, object]:
         "sqrt_seed_shift": str(24 - SQRT_SEED_BITS),
         "two_72": number(2.0**72),
         "two_minus_36": number(2.0**-36),
+        "further": further_context(number, lambda p: horner(p, "f"), single=True),
     }
 
 

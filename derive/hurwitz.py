@@ -23,10 +23,11 @@ from dataclasses import dataclass
 import sympy as sp
 from pfaffian.derive.block import Block, BlockBuilder
 from pfaffian.derive.control_terms import take_parameters
+from pfaffian.derive.cyclic import trailing_zeros
 from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.routh import DAMPED, FRICTIONLESS
-from pfaffian.derive.spec import ModelSpec, symbol_of
-from pfaffian.derive.zero_dynamics import ZeroDynamics
+from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.zero_dynamics import ZeroDynamics, without_friction
 
 #: Highest degree with conditions in closed form.
 CLOSED_DEGREE = 4
@@ -115,24 +116,25 @@ class HurwitzConditions:
 
 
 def hurwitz_conditions(spec: ModelSpec, zeros: ZeroDynamics) -> HurwitzConditions:
-    """Return the Hurwitz conditions of the zero dynamics `zeros` of `spec`."""
-    degree = len(zeros.coefficients) - 1
+    """Return the Hurwitz conditions of `zeros`, those at the origin of cyclic coordinates apart.
+
+    The latter are divided out; with friction there may be fewer of them.
+    """
+    order = len(zeros.coefficients) - 1
+    degree = order - zeros.at_origin
     if degree > CLOSED_DEGREE:
         return HurwitzConditions(degree, (), ())
-    still = without_friction(spec, zeros)
+    still = without_friction(spec, zeros.coefficients)
     enters = still != zeros.coefficients
     conditions = named_conditions if zeros.entries else closed_conditions
+    names = coefficient_symbols(order, spec.own)
+    left = order - min(zeros.at_origin, trailing_zeros(zeros.coefficients))
+    damped = zeros.in_slopes[: left + 1] if enters and left <= CLOSED_DEGREE else ()
     return HurwitzConditions(
         degree,
-        conditions(still, spec.own),
-        conditions(zeros.in_slopes, spec.own) if enters else (),
+        conditions(still[: degree + 1], names[: degree + 1]),
+        conditions(damped, names[: left + 1]) if damped else (),
     )
-
-
-def without_friction(spec: ModelSpec, zeros: ZeroDynamics) -> tuple[sp.Expr, ...]:
-    """Return the coefficients with all uncertainty at zero, highest power first."""
-    zero = {symbol_of(p): 0 for p in spec.parameters_in("uncertainty")}
-    return tuple(c.subs(zero) for c in zeros.coefficients)
 
 
 def coefficient_symbols(degree: int, own: OwnNames | None = None) -> tuple[sp.Symbol, ...]:
@@ -142,16 +144,15 @@ def coefficient_symbols(degree: int, own: OwnNames | None = None) -> tuple[sp.Sy
 
 
 def closed_conditions(
-    coefficients: Sequence[sp.Expr], own: OwnNames | None = None
+    coefficients: Sequence[sp.Expr], symbols: Sequence[sp.Symbol] | None = None
 ) -> tuple[HurwitzCondition, ...]:
     """Return the conditions on a polynomial of degree 0 to 4, highest power first.
 
+    `symbols` are the names of the coefficients, a_n ... a_0 unless given.
+
     Those that always hold, because only positive factors are left, are dropped.
     """
-    values = [sp.factor(c) for c in coefficients]
-    while values and values[0] == 0:
-        values = values[1:]
-    names = coefficient_symbols(len(values) - 1, own)
+    names, values = _named([sp.factor(c) for c in coefficients], symbols)
     factors = [_factors(v) for v in values]
     found = [_same_sign(k, names, factors) for k in range(1, len(values))]
     if len(values) in (4, 5):
@@ -163,14 +164,20 @@ def closed_conditions(
     return tuple(kept.values())
 
 
+def _named(
+    values: Sequence[sp.Expr], symbols: Sequence[sp.Symbol] | None
+) -> tuple[tuple[sp.Symbol, ...], list[sp.Expr]]:
+    """Return names and values of the coefficients from the first that is not zero on."""
+    names = tuple(symbols or coefficient_symbols(len(values) - 1))
+    first = next((k for k, value in enumerate(values) if value != 0), len(values))
+    return names[first:], list(values[first:])
+
+
 def named_conditions(
-    coefficients: Sequence[sp.Expr], own: OwnNames | None = None
+    coefficients: Sequence[sp.Expr], symbols: Sequence[sp.Symbol] | None = None
 ) -> tuple[HurwitzCondition, ...]:
     """Return the conditions in the names of the coefficients, where these are too long to read."""
-    values = list(coefficients)
-    while values and values[0] == 0:
-        values = values[1:]
-    names = coefficient_symbols(len(values) - 1, own)
+    names, values = _named(coefficients, symbols)
     margins = [name / names[0] for name in names[1:]]
     if len(values) in (4, 5):
         whole = sp.Add(*_determinant_terms(names))
@@ -298,7 +305,13 @@ def hurwitz_blocks(
 ) -> tuple[Block, ...]:
     """Return the margins of the derived conditions, of the plant without friction and with it."""
     found = (
-        _block(spec, FRICTIONLESS, hurwitz.frictionless, without_friction(spec, zeros), zeros),
+        _block(
+            spec,
+            FRICTIONLESS,
+            hurwitz.frictionless,
+            without_friction(spec, zeros.coefficients),
+            zeros,
+        ),
         _block(spec, DAMPED, hurwitz.damped, zeros.coefficients, zeros),
     )
     return tuple(block for block in found if block is not None)

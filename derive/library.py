@@ -94,10 +94,8 @@ class ModelFolder:
         try:
             yield
         except NotImplementedError as error:
-            raise InputError(
-                f"{self.spec_file}: {error}",
-                remedy="write the energies in sums, products, powers, sin, cos, tanh, atan, exp",
-            ) from error
+            remedy = getattr(error, "remedy", "write it in the functions of docs/own-plant.md")
+            raise InputError(f"{self.spec_file}: {error}", remedy=remedy) from error
         except InputError as error:
             if not error.message.startswith("model "):
                 raise

@@ -6,6 +6,7 @@ the instructions that compute them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -16,6 +17,7 @@ import sympy as sp
 from pfaffian.derive.block import Block, Definition
 from pfaffian.derive.functions import side
 from pfaffian.derive.program import Instruction, Op, Program, Signal
+from pfaffian.derive.supported import is_dyadic, remedy_for
 from sympy.codegen.cfunctions import expm1
 from sympy.core.relational import Relational
 
@@ -26,16 +28,50 @@ _UNARY: dict[type, Callable[[Any], Any]] = {
     sp.tanh: ca.tanh,
     sp.exp: ca.exp,
     expm1: ca.expm1,
+    sp.log: ca.log,
+    sp.asin: ca.asin,
+    sp.acos: ca.acos,
+    sp.sinh: ca.sinh,
+    sp.cosh: ca.cosh,
     sp.Abs: ca.fabs,
     sp.sign: ca.sign,
     side: lambda x: ca.if_else(x < 0, -1.0, 1.0),
+}
+#: What is written in other functions before it is lowered. The slope of a jump is zero wherever it
+#: exists, as for `sign`.
+_REWRITTEN: dict[type, Callable[..., sp.Expr]] = {
+    sp.tan: lambda x: sp.sin(x) / sp.cos(x),
+    sp.cot: lambda x: sp.cos(x) / sp.sin(x),
+    sp.sec: lambda x: 1 / sp.cos(x),
+    sp.csc: lambda x: 1 / sp.sin(x),
+    sp.sinc: lambda x: sp.Piecewise((1, sp.Eq(x, 0)), (sp.sin(x) / x, True)),
+    sp.acot: lambda x: sp.atan(1 / x),
+    sp.coth: lambda x: 1 / sp.tanh(x),
+    sp.sech: lambda x: 1 / sp.cosh(x),
+    sp.csch: lambda x: 1 / sp.sinh(x),
+    sp.Heaviside: lambda x, at_zero=sp.S.Half: sp.Piecewise(
+        (0, x < 0), (1, x > 0), (at_zero, True)
+    ),
+    sp.DiracDelta: lambda *_: sp.S.Zero,
 }
 _RELATION: dict[type, Callable[[Any, Any], Any]] = {
     sp.StrictGreaterThan: lambda a, b: b < a,
     sp.GreaterThan: lambda a, b: b <= a,
     sp.StrictLessThan: lambda a, b: a < b,
     sp.LessThan: lambda a, b: a <= b,
+    # Compilers warn of == between numbers that were rounded.
+    sp.Equality: lambda a, b: ca.logic_and(a <= b, b <= a),
+    sp.Unequality: lambda a, b: ca.logic_or(a < b, b < a),
 }
+
+
+class NoLoweringError(NotImplementedError):
+    """Raised for an expression that cannot be computed; `remedy` says what to write instead."""
+
+    def __init__(self, what: str, part: sp.Basic) -> None:
+        """Say what has no lowering."""
+        super().__init__(f"no lowering for {what}")
+        self.remedy = remedy_for(part)
 
 
 class ToCasadi:
@@ -70,9 +106,15 @@ class ToCasadi:
         if isinstance(e, sp.And | sp.Or):
             join = ca.logic_and if isinstance(e, sp.And) else ca.logic_or
             return reduce(join, (self(a) for a in e.args))
-        if type(e) in _UNARY:
+        if isinstance(e, sp.Not):
+            return ca.logic_not(self(e.args[0]))
+        if isinstance(e, sp.atan2):
+            return self._angle(*(self(a) for a in e.args))
+        if type(e) in _REWRITTEN:
+            return self(_REWRITTEN[type(e)](*e.args))
+        if type(e) in _UNARY and len(e.args) == 1:
             return _UNARY[type(e)](self(e.args[0]))
-        raise NotImplementedError(f"no lowering for {type(e).__name__}: {e}")
+        raise NoLoweringError(f"{type(e).__name__}: {e}", e)
 
     def _sum(self, e: sp.Add) -> Any:
         """Add terms in SymPy's order, subtracting where a term carries a minus sign."""
@@ -116,12 +158,37 @@ class ToCasadi:
             return reduce(lambda a, _: a * value, range(int(exponent) - 1), value)
         if exponent.is_negative:
             return 1 / self(base ** (-exponent))
-        raise NotImplementedError(f"no lowering for the power {e}")
+        if is_dyadic(exponent):
+            return self._dyadic_power(base, exponent)
+        if e.is_number and e.is_real:
+            return ca.SX(float(e.evalf(25)))
+        raise NoLoweringError(f"the power {e}", e)
+
+    def _dyadic_power(self, base: sp.Expr, exponent: sp.Rational) -> Any:
+        """Return b^(p/2^k) as b^n sqrt b, b^n sqrt b sqrt(sqrt b) and so on: roots are exact."""
+        whole, rest = divmod(exponent, 1)
+        factors = [self(base**whole)] if whole else []
+        root = self(base)
+        while rest:
+            root, rest = ca.sqrt(root), 2 * rest
+            if rest >= 1:
+                factors.append(root)
+                rest -= 1
+        return reduce(lambda a, b: a * b, factors)
+
+    @staticmethod
+    def _angle(y: Any, x: Any) -> Any:
+        """Return atan2(y, x) by the arctangent of the smaller over the larger of the two."""
+        flat = ca.fabs(y) <= ca.fabs(x)
+        turn = ca.if_else(x < 0, ca.if_else(y < 0, -math.pi, math.pi), 0.0)
+        quarter = ca.if_else(y < 0, -math.pi / 2, math.pi / 2)
+        ratio = ca.if_else(flat, y, -x) / ca.if_else(flat, x, y)
+        return ca.if_else(flat, turn, quarter) + ca.atan(ratio)
 
     def _piecewise(self, e: sp.Piecewise) -> Any:
         *branches, last = e.args
         if last.cond != sp.true:
-            raise NotImplementedError(f"Piecewise without a final branch: {e}")
+            raise NoLoweringError(f"a Piecewise without a final branch (value, True): {e}", e)
         value = self(last.expr)
         for branch in reversed(branches):
             value = ca.if_else(self(branch.cond), self(branch.expr), value)
@@ -145,6 +212,11 @@ _OPS: dict[int, Op] = {
     ca.OP_EXP: Op.EXP,
     ca.OP_EXPM1: Op.EXPM1,
     ca.OP_TANH: Op.TANH,
+    ca.OP_LOG: Op.LOG,
+    ca.OP_ASIN: Op.ASIN,
+    ca.OP_ACOS: Op.ACOS,
+    ca.OP_SINH: Op.SINH,
+    ca.OP_COSH: Op.COSH,
     ca.OP_LT: Op.LESS,
     ca.OP_LE: Op.LESS_EQUAL,
     ca.OP_EQ: Op.EQUAL,

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pfaffian.derive.equilibrium import solve_setpoint
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameters import POLES_KEY, RawSet
 from pfaffian.derive.program import TIME_NAME, evaluate
 from pfaffian.derive.routh import (
+    CONSERVED,
+    CYCLIC,
     hurwitz_margins,
     is_stable_column,
     routh_column,
     violated_margins,
     violated_rows,
+    without_origin,
     worded_margins,
 )
 from pfaffian.derive.swing_up_limit import PROGRAM, is_regular, largest_limit
@@ -27,16 +32,23 @@ from pfaffian.runtime.errors import InputError
 PROPOSED_POLE = -6.0
 #: Points of the grid on which the mass matrix is judged, over all coordinates it depends on.
 _MOST_POINTS = 24**3
+#: Real part, beside the largest root, that rounding gives a root on the imaginary axis: the square
+#: root of the rounding of the coefficients, for a double one.
+_ON_THE_AXIS = 2.0**-24
 
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """All parameters of a model in SI units, by name, in the order of declaration."""
+    """All parameters of a model in SI units, by name, in the order of declaration.
+
+    `notes` say what was changed on the way from the file: set-points that were solved for.
+    """
 
     name: str
     title: str
     source: str
     values: tuple[tuple[str, float], ...]
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, float]:
         """Return the values by name."""
@@ -51,8 +63,9 @@ class ParameterSet:
 def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> ParameterSet:
     """Complete `raw` with lumped, synthesised and default values, and judge it.
 
-    Raises `InputError` for a missing parameter, a mass matrix that is not positive definite, and a
-    setpoint that is no equilibrium; where it is to `judge` also for a setpoint in the singular
+    A set-point that was rounded or left out is solved for. Raises `InputError` for a missing
+    parameter, a mass matrix that is not positive definite, and a setpoint that is no equilibrium
+    nor rounded from one; where it is to `judge` also for a setpoint in the singular
     set, unstable zero dynamics and a swing-up law that is singular somewhere: `design` shows the
     figures of any gains.
     """
@@ -61,7 +74,8 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
     _complete_plant(model, raw, values)
     _require(model, raw, values, ("plant", "gain", "target"))
     _check_mass_matrix(model, raw, values)
-    _check_equilibrium(model, raw, values)
+    rest = solve_setpoint(model, raw, values)
+    values |= rest.values
     if raw.poles:
         values |= synthesise_gains(model, values, raw.poles, f"{raw.path}: gains.{POLES_KEY}")
         for parameter in model.parameters:
@@ -74,13 +88,36 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
         _check_setpoint_gain(model, raw, values)
         _check_swing_up(model, raw, values)
     ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
-    return ParameterSet(raw.name, raw.title, raw.source, ordered)
+    return ParameterSet(raw.name, raw.title, raw.source, ordered, rest.notes)
 
 
 def zero_polynomial(model: LoweredModel, values: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the characteristic polynomial of the zero dynamics, highest power first."""
+    """Return the characteristic polynomial of the zero dynamics, highest power first.
+
+    The zeros at the origin that cyclic coordinates account for are divided out.
+    """
     defaults = {p.name: p.default for p in model.parameters if p.default is not None}
-    return tuple(evaluate(model.program("zero_polynomial"), {**defaults, **values}).values())
+    found = evaluate(model.program("zero_polynomial"), {**defaults, **values}).values()
+    return without_origin(tuple(found), zeros_at_origin(model))
+
+
+def zero_order(model: LoweredModel) -> int:
+    """Return how many poles the zero dynamics have, without friction, that gains can place."""
+    return len(model.program("zero_polynomial").outputs) - 1 - zeros_at_origin(model)
+
+
+def zeros_at_origin(model: LoweredModel) -> int:
+    """Return how many zeros at the origin cyclic coordinates account for, without friction."""
+    if not model.has_program(CYCLIC):
+        return 0
+    return round(sum(evaluate(model.program(CYCLIC), {}).values()))
+
+
+def cyclic_notes(model: LoweredModel) -> tuple[str, ...]:
+    """Return of each cyclic coordinate that s does not see what can be asked for."""
+    if not model.has_program(CYCLIC):
+        return ()
+    return tuple(signal.description for signal in model.program(CYCLIC).outputs)
 
 
 def is_hurwitz(coefficients: tuple[float, ...]) -> bool:
@@ -126,7 +163,7 @@ def synthesise_gains(
             f"{where}: the gains of model {model.name} do not follow from poles alone",
             remedy="give the gains themselves; pfaffian design finds some",
         )
-    order = len(model.program("zero_polynomial").outputs) - 1
+    order = zero_order(model)
     if len(poles) != order:
         raise InputError(
             f"{where}: {len(poles)} poles for zero dynamics of order {order}",
@@ -148,7 +185,8 @@ def _gains_of_row(
     own = dict.fromkeys((p.name for p in model.parameters if p.group == "synthesised"), 1.0)
     defaults = {p.name: p.default for p in model.parameters if p.default is not None}
     known = {**own, **defaults, **values}
-    row = row_for_polynomial(evaluate(model.program("linearisation"), known), n, wanted)
+    whole = (*wanted, *(0.0,) * zeros_at_origin(model))
+    row = row_for_polynomial(evaluate(model.program("linearisation"), known), n, whole)
     if row is None:
         raise InputError(
             f"{where}: the plant is not controllable at the setpoint: no row of s places its poles",
@@ -208,22 +246,6 @@ def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, fl
                 f"{raw.path}: the mass matrix is not positive definite at {where}: "
                 f"{worst[0]} = {worst[1]:.3g} with {inertias}",
                 remedy="check the inertias: no rigid mechanism has this mass matrix",
-            )
-
-
-def _check_equilibrium(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
-    forces = evaluate(model.program("rest_force"), values)
-    # What counts as zero: small against the same forces a radian or two (a metre or two) away.
-    points = [p.name for p in model.parameters_of("rest_force") if p.group == "gain"]
-    program = model.program("rest_force")
-    moved = [{n: values[n] + shift for n in points} for shift in (0.0, 1.0, 2.0)]
-    scale = max(abs(f) for at in moved for f in evaluate(program, {**values, **at}).values())
-    for name, force in forces.items():
-        if abs(force) > 1e-9 * scale:
-            raise InputError(
-                f"{raw.path}: the setpoint is not an equilibrium: gravity leaves {force:.3g} N m "
-                f"that no actuator reaches ({name})",
-                remedy="choose a setpoint where the unactuated joints are in balance",
             )
 
 
@@ -300,14 +322,22 @@ def _check_zero_dynamics(model: LoweredModel, raw: RawSet, values: Mapping[str, 
     if is_hurwitz(coefficients):
         return
     violated = violated_bounds(model, values)
-    poles = ", ".join(f"{r:.4g}" for r in roots_of(coefficients)) if coefficients[0] else "none"
+    roots = roots_of(coefficients) if coefficients[0] else ()
+    poles = ", ".join(f"{r:.4g}" for r in roots) if roots else "none"
     gains = [p.name for p in model.parameters if p.group == "synthesised"]
     given = ", ".join(f"{g} = {values[g]:.6g}" for g in gains)
+    what = "marginal, nothing damps them," if is_marginal(roots) else "unstable"
     raise InputError(
-        f"{raw.path}: the zero dynamics are unstable with {given}: poles {poles} 1/s"
+        f"{raw.path}: the zero dynamics are {what} with {given}: poles {poles} 1/s"
         + (f"; violated: {'; '.join(violated)}" if violated else ""),
-        remedy=_proposal(model, values),
+        remedy=_proposal(model, values, any("never holds" in text for text in violated)),
     )
+
+
+def is_marginal(roots: Sequence[complex]) -> bool:
+    """Return whether no root lies right of the imaginary axis beyond the rounding of a pair."""
+    size = max((abs(r) for r in roots), default=0.0)
+    return bool(roots) and all(r.real <= _ON_THE_AXIS * size for r in roots)
 
 
 def violated_bounds(model: LoweredModel, values: Mapping[str, float]) -> list[str]:
@@ -323,14 +353,27 @@ def violated_bounds(model: LoweredModel, values: Mapping[str, float]) -> list[st
     )
 
 
-def _proposal(model: LoweredModel, values: Mapping[str, float]) -> str:
-    if not places_poles(model):
-        return "choose other gains; pfaffian design finds some"
-    order = len(model.program("zero_polynomial").outputs) - 1
-    poles = (complex(PROPOSED_POLE),) * order
-    gains = synthesise_gains(model, values, poles, "proposal")
+def _proposal(model: LoweredModel, values: Mapping[str, float], never: bool) -> str:
+    """Return gains that make the zero dynamics stable, or why there are none to propose."""
+    never = never or not any(p.group == "synthesised" for p in model.parameters)
+    if places_poles(model) and not never:
+        poles = (complex(PROPOSED_POLE),) * zero_order(model)
+        with contextlib.suppress(InputError):
+            gains = synthesise_gains(model, values, poles, "proposal")
+            if is_hurwitz(zero_polynomial(model, {**values, **gains})):
+                return f"for poles at {PROPOSED_POLE:g} take {_written(model, gains)}, or give " + (
+                    POLES_KEY
+                )
+    if model.has_program(CONSERVED):
+        notes = "; ".join(s.description for s in model.program(CONSERVED).outputs)
+        return f"{notes}: leave what turns or moves against it out of the servo-constraint"
+    if never:
+        return "choose another servo-constraint: no gains of this one make them stable"
+    return "choose other gains, which pfaffian design may find, or another servo-constraint"
+
+
+def _written(model: LoweredModel, gains: Mapping[str, float]) -> str:
     units = {p.name: p.unit for p in model.parameters}
-    text = ", ".join(
+    return ", ".join(
         f'{n} = "{v:.6g} {units[n]}"' if units[n] else f"{n} = {v:.6g}" for n, v in gains.items()
     )
-    return f"for poles at {PROPOSED_POLE:g} take {text}, or give {POLES_KEY}"

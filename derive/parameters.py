@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import cmath
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pfaffian.runtime.documents import read_toml, shown, suggestion
 from pfaffian.runtime.errors import InputError, refuse_all
-from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.runtime.quantity import last_place, parse_quantity
 
 #: TOML table of each parameter group.
 TABLES = {
@@ -75,7 +75,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class RawSet:
-    """A parameter set as read: values in SI by name, and wanted zero-dynamics poles if given."""
+    """A parameter set as read: values in SI by name, and wanted zero-dynamics poles if given.
+
+    `last_places` has one unit of the last digit written of each gain, in SI units.
+    """
 
     name: str
     title: str
@@ -83,6 +86,7 @@ class RawSet:
     path: str
     values: Mapping[str, float]
     poles: tuple[complex, ...] = ()
+    last_places: Mapping[str, float] = field(default_factory=dict)
 
 
 def parse_poles(raw: object, where: str) -> tuple[complex, ...]:
@@ -173,6 +177,7 @@ def _read_set(
         raise InputError(f"{path}: extends itself ({chain})", remedy="break the circle")
     base = _base_of(document, path, declared, known_sets, (*above, path))
     own, poles = _own_values(document, declared, path)
+    places = dict(base.last_places) if base else {}
     groups = {p.name: p.group for p in declared}
     given = {groups[name] for name in own}
     if poles and "synthesised" in given:
@@ -197,7 +202,21 @@ def _read_set(
         path=str(path),
         values=values | own,
         poles=poles or inherited,
+        last_places=places | _last_places(document, declared, own),
     )
+
+
+def _last_places(
+    document: Mapping[str, object], declared: tuple[Parameter, ...], own: Mapping[str, float]
+) -> dict[str, float]:
+    """Return one unit of the last digit written of each gain in `own`, in SI units."""
+    gains = document.get("gains", {})
+    raw = gains if isinstance(gains, dict) else {}
+    return {
+        p.name: last_place(raw[p.name], p.unit)
+        for p in declared
+        if p.group == "gain" and p.name in own
+    }
 
 
 def _first(own: Mapping[str, float], groups: Mapping[str, str], group: str) -> str:

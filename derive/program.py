@@ -38,6 +38,11 @@ class Op(StrEnum):
     EXP = "exp"
     EXPM1 = "expm1"
     TANH = "tanh"
+    LOG = "log"
+    ASIN = "asin"
+    ACOS = "acos"
+    SINH = "sinh"
+    COSH = "cosh"
     LESS = "less"
     LESS_EQUAL = "less_equal"
     EQUAL = "equal"
@@ -57,6 +62,9 @@ PLANT_PARAMETER = "plant_parameter"
 
 #: Operators whose value is a truth value (0 or 1), never a number of the plant.
 LOGICAL = frozenset({Op.LESS, Op.LESS_EQUAL, Op.EQUAL, Op.NOT, Op.AND, Op.OR})
+
+#: Operators whose functions stand in a file of their own, which only models that call them get.
+FURTHER = frozenset({Op.LOG, Op.ASIN, Op.ACOS, Op.SINH, Op.COSH})
 
 
 @dataclass(frozen=True)
@@ -137,6 +145,24 @@ def _exp(x: float) -> float:
         return math.inf
 
 
+def _logarithm(x: float) -> float:
+    if x == 0.0:
+        return -math.inf
+    return math.log(x) if x > 0.0 else math.nan
+
+
+def _within_one(function: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda x: function(x) if abs(x) <= 1.0 else math.nan
+
+
+def _sinh(x: float) -> float:
+    return math.copysign(math.inf, x) if abs(x) > 710.5 else math.sinh(x)
+
+
+def _cosh(x: float) -> float:
+    return math.inf if abs(x) > 710.5 else math.cosh(x)
+
+
 def _fused(a: float, b: float, c: float) -> float:
     """Return a b + c, rounded once."""
     if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
@@ -162,13 +188,18 @@ _EVALUATE: dict[Op, Callable[..., float]] = {
     Op.SIGN: _sign,
     Op.MIN: lambda a, b: a if a < b else b,
     Op.MAX: lambda a, b: a if a > b else b,
-    Op.SQRT: math.sqrt,
+    Op.SQRT: lambda a: math.nan if a < 0.0 else math.sqrt(a),
     Op.SIN: math.sin,
     Op.COS: math.cos,
     Op.ATAN: math.atan,
     Op.EXP: _exp,
     Op.EXPM1: math.expm1,
     Op.TANH: math.tanh,
+    Op.LOG: _logarithm,
+    Op.ASIN: _within_one(math.asin),
+    Op.ACOS: _within_one(math.acos),
+    Op.SINH: _sinh,
+    Op.COSH: _cosh,
     Op.LESS: lambda a, b: float(a < b),
     Op.LESS_EQUAL: lambda a, b: float(a <= b),
     Op.EQUAL: lambda a, b: float(a == b),
@@ -187,7 +218,7 @@ EXACT = frozenset(
 
 
 def apply(op: Op, *arguments: float) -> float:
-    """Return `op` on `arguments` in double precision; NaN for a division by zero."""
+    """Return `op` on `arguments` in double precision; NaN for a division by zero and the like."""
     return _EVALUATE[op](*arguments)
 
 

@@ -127,13 +127,16 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
                 ),
                 *(
                     equation(
-                        "gain for p^3 + c2 p^2 + c1 p + c0" if degree == 3 else "gain from poles",
+                        "gain for p^3 + c2 p^2 + c1 p + c0"
+                        if len(zeros.wanted) == 3
+                        else "gain from poles",
                         printer.doprint(s),
                         e,
                         s.name,
                     )
                     for s, e in zeros.gains
                 ),
+                *_cyclic(zeros),
             ),
         ),
         Section("Hurwitz conditions", _hurwitz(derivation, printer)),
@@ -155,6 +158,15 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
             ),
         ),
     )
+
+
+def _cyclic(zeros: ZeroDynamics) -> tuple[Equation, ...]:
+    """Return what divides the polynomial for cyclic coordinates, and what each of them means."""
+    if not zeros.at_origin:
+        return ()
+    power = f"p^{zeros.at_origin}"
+    text = "; ".join(d.text for d in zeros.cyclic)
+    return (Equation(f"divides it without friction: {text}", f"p^{{{zeros.at_origin}}}", power),)
 
 
 def _hurwitz(derivation: Derivation, printer: _Names) -> tuple[Equation, ...]:

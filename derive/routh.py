@@ -14,6 +14,11 @@ from pfaffian.derive.program import evaluate
 
 #: The programs of the closed-form conditions: of the plant without friction, and with it.
 FRICTIONLESS, DAMPED = "hurwitz", "hurwitz_damped"
+#: The programs that count the zeros at the origin of cyclic coordinates, and name the momenta that
+#: no actuator changes.
+CYCLIC, CONSERVED = "cyclic", "conserved"
+#: A root this small beside the largest is a zero within the rounding of the coefficients.
+_ROUNDING = 2.0**-48
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,24 @@ def routh_column(coefficients: Sequence[float]) -> tuple[float, ...]:
         padded = [*below[1:], *[0.0] * (len(above) - len(below))]
         above, below = below, [a - ratio * b for a, b in zip(above[1:], padded, strict=True)]
     return tuple(column)
+
+
+def without_origin(coefficients: Sequence[float], most: int) -> tuple[float, ...]:
+    """Return a polynomial with at most `most` zeros at the origin divided out.
+
+    A last coefficient counts as zero where it is no more than rounding leaves of it, beside a_n R^n
+    with the size R of the largest root, as the other coefficients bound it.
+    """
+    left = tuple(coefficients)
+    for _ in range(most):
+        n = len(left) - 1
+        if n < 1 or not all(map(math.isfinite, left)):
+            break
+        sizes = [abs(c / left[0]) ** (1.0 / k) for k, c in enumerate(left[:-1]) if k and left[0]]
+        if abs(left[-1]) > _ROUNDING * abs(left[0]) * max(sizes, default=0.0) ** n:
+            break
+        left = left[:-1]
+    return left
 
 
 def is_stable_column(column: Sequence[float]) -> bool:
@@ -83,13 +106,15 @@ def _margins(
     )
 
 
+def _off(margin: float) -> str:
+    if math.isnan(margin):
+        return "undefined"
+    return "it is zero" if margin == 0.0 else f"off by {-margin:.4g}"
+
+
 def violated_margins(margins: Sequence[HurwitzMargin]) -> list[str]:
     """Return the conditions that do not hold, and by how much."""
-    return [
-        f"{m.condition} ({'undefined' if math.isnan(m.margin) else f'off by {-m.margin:.4g}'})"
-        for m in margins
-        if not m.margin > 0.0
-    ]
+    return [f"{m.condition} ({_off(m.margin)})" for m in margins if not m.margin > 0.0]
 
 
 def violated_rows(coefficients: Sequence[float]) -> list[str]:
@@ -98,7 +123,7 @@ def violated_rows(coefficients: Sequence[float]) -> list[str]:
     if math.isnan(column[0]):
         return [f"a{degree} is {coefficients[0]:.4g}, so that p^{degree} is missing"]
     return [
-        f"row {k} of Routh's column > 0 (off by {-entry:.4g})"
+        f"row {k} of Routh's column > 0 ({_off(entry)})"
         for k, entry in enumerate(column)
         if not entry > 0.0
     ][:1]

@@ -65,7 +65,8 @@ class ServoConstraint:
     `residual` is s, one entry a constraint; A = ds/dq'. `drift` is written in `residual_symbols`,
     for (2) sigma s + (2 eta/pi) arctan s; it may also contain q, q' and the time, which is how
     second-order constraints are given (`residuals.second_order`). `setpoint` gives q_d by
-    coordinate; `errors` are e = q - q_d, and may depend on the time.
+    coordinate; `errors` are e = q - q_d, and may depend on the time. `references` are what vanishes
+    of the constraints on positions, phi(q, t): where a set-point is left out it is sought there.
     """
 
     residual: sp.Matrix
@@ -74,6 +75,7 @@ class ServoConstraint:
     drift: sp.Matrix
     errors: sp.Matrix
     setpoint: tuple[sp.Expr, ...]
+    references: tuple[sp.Expr, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.constraint_check import check_constraints, check_symbols
 from pfaffian.derive.dimensions import check_unit
 from pfaffian.derive.name_check import check_names
-from pfaffian.derive.parameters import Parameter
-from pfaffian.derive.spec import Actuator, Coordinate, ModelSpec, symbol_of
+from pfaffian.derive.spec import ModelSpec, symbol_of
 from pfaffian.runtime.documents import unprintable
 from pfaffian.runtime.errors import InputError
 
@@ -74,13 +73,9 @@ def _check_energies(spec: ModelSpec) -> None:
 
 def _check_texts(spec: ModelSpec) -> None:
     """Refuse control characters in what ends up in comments of the generated code."""
-    declared: tuple[Coordinate | Parameter | Actuator, ...] = (
-        *spec.coordinates,
-        *spec.parameters,
-        *spec.actuators,
-    )
     texts = [("title", spec.title), ("source", spec.source)]
-    texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
+    for declared in (spec.coordinates, spec.parameters, spec.actuators):
+        texts += [(d.name, text) for d in declared for text in (d.description, d.unit)]
     texts += [("stability", condition.text) for condition in spec.stability]
     for about, text in texts:
         if found := unprintable(text):

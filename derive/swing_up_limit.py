@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Op, Program, evaluate
+from pfaffian.derive.program import LOGICAL, Op, Program, evaluate
 
 PROGRAM, LIMIT = "swing_up_limit", "limit"
 #: Group of the inputs in which everything repeats after a turn.
@@ -70,15 +70,62 @@ def _cosine(a: Interval, shift: float = 0.0) -> Interval:
     return max(low, -1.0), min(high, 1.0)
 
 
+def _minus(a: Interval) -> Interval:
+    return -a[1], -a[0]
+
+
+def _rising(
+    function: Callable[[float], float], low: float = -math.inf, high: float = math.inf
+) -> Callable[[Interval], Interval]:
+    """Enclose a rising function by its ends; what leaves its domain becomes the whole line."""
+
+    def enclose(a: Interval) -> Interval:
+        if not low <= a[0] <= a[1] <= high:
+            return -math.inf, math.inf
+        return function(a[0]) - _SLACK * abs(function(a[0])), function(a[1]) + _SLACK * abs(
+            function(a[1])
+        )
+
+    return enclose
+
+
+def _magnitude(a: Interval) -> Interval:
+    inner = 0.0 if a[0] <= 0.0 <= a[1] else min(abs(a[0]), abs(a[1]))
+    return inner, max(abs(a[0]), abs(a[1]))
+
+
+def _hull(a: Interval, b: Interval) -> Interval:
+    return min(a[0], b[0]), max(a[1], b[1])
+
+
 _OPERATIONS: dict[Op, Callable[..., Interval]] = {
     Op.ADD: lambda a, b: (a[0] + b[0], a[1] + b[1]),
     Op.SUB: lambda a, b: (a[0] - b[1], a[1] - b[0]),
     Op.MUL: _multiply,
     Op.DIV: _divide,
-    Op.NEG: lambda a: (-a[1], -a[0]),
+    Op.NEG: _minus,
     Op.SQRT: lambda a: (math.sqrt(max(a[0], 0.0)), math.sqrt(max(a[1], 0.0))),
     Op.SIN: lambda a: _cosine(a, math.pi / 2.0),
     Op.COS: _cosine,
+    Op.ABS: _magnitude,
+    Op.MIN: lambda a, b: (min(a[0], b[0]), min(a[1], b[1])),
+    Op.MAX: lambda a, b: (max(a[0], b[0]), max(a[1], b[1])),
+    Op.SIGN: lambda a: (
+        -1.0 if a[0] < 0.0 else float(a[0] > 0.0),
+        1.0 if a[1] > 0.0 else -float(a[1] < 0.0),
+    ),
+    Op.ATAN: _rising(math.atan),
+    Op.TANH: _rising(math.tanh),
+    Op.EXP: _rising(math.exp, -700.0, 700.0),
+    Op.EXPM1: _rising(math.expm1, -700.0, 700.0),
+    Op.LOG: _rising(math.log, 2.0**-1000),
+    Op.ASIN: _rising(math.asin, -1.0, 1.0),
+    Op.ACOS: lambda a: _minus(_rising(lambda x: -math.acos(x), -1.0, 1.0)(a)),
+    Op.SINH: _rising(math.sinh, -700.0, 700.0),
+    Op.COSH: lambda a: _rising(math.cosh, 0.0, 700.0)(_magnitude(a)),
+    # Either side may be taken: the truth of a comparison is not looked at.
+    **dict.fromkeys(LOGICAL, lambda *_: (0.0, 1.0)),
+    Op.SELECT: lambda _, a, b: _hull(a, b),
 }
 
 

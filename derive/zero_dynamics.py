@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 from pfaffian.derive.constraint import Constraint
+from pfaffian.derive.cyclic import CyclicDirection, cyclic_directions, trailing_zeros
 from pfaffian.derive.lagrange import Dynamics
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.linearisation import linearise
@@ -28,6 +29,8 @@ class ZeroDynamics:
     in terms of them. `in_slopes` are the coefficients with the entries of dF/dq' that friction
     makes up named by the symbols of `slopes`, which has what these stand for. For larger plants
     both are written in entries of the linearisation, which `entries` gives; else it is empty.
+    `at_origin` counts the zeros at the origin that the directions in `cyclic` account for without
+    friction: `wanted` is of the polynomial without them.
     """
 
     coefficients: tuple[sp.Expr, ...]
@@ -36,6 +39,14 @@ class ZeroDynamics:
     gains: tuple[tuple[sp.Symbol, sp.Expr], ...]
     in_slopes: tuple[sp.Expr, ...]
     slopes: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    cyclic: tuple[CyclicDirection, ...] = ()
+    at_origin: int = 0
+
+
+def without_friction(spec: ModelSpec, coefficients: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+    """Return the coefficients with all uncertainty at zero, highest power first."""
+    zero = {symbol_of(p): 0 for p in spec.parameters_in("uncertainty")}
+    return tuple(c.subs(zero) for c in coefficients)
 
 
 def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -> ZeroDynamics:
@@ -89,10 +100,17 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
             "is quadratic in the velocities, such as an energy, needs a linear part",
             about="residual",
         )
-    wanted = tuple(spec.own_symbol(f"c{k}") for k in reversed(range(len(coefficients) - 1)))
-    gains = () if named.values else _synthesise(spec, tuple(coefficients), wanted)
     entries = tuple(named.values.items())
-    return ZeroDynamics(tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes)
+    cyclic = cyclic_directions(spec, dynamics, constraint)
+    still = without_friction(spec, [c.xreplace(dict(entries)) for c in coefficients])
+    still = tuple(sp.factor(c) for c in still) if cyclic else still
+    at_origin = min(trailing_zeros(still), sum(d.zeros for d in cyclic))
+    order = len(coefficients) - 1 - at_origin
+    wanted = tuple(spec.own_symbol(f"c{k}") for k in reversed(range(order)))
+    gains = () if named.values else _synthesise(spec, tuple(coefficients[: order + 1]), wanted)
+    return ZeroDynamics(
+        tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes, cyclic, at_origin
+    )
 
 
 def _free_rows(inputs: sp.Matrix) -> tuple[sp.Matrix, sp.Rational]:

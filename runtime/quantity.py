@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+from decimal import Decimal
 from typing import Any
 
 from pfaffian.runtime.documents import shown
@@ -64,6 +65,20 @@ def parse_quantity(raw: object, unit: str, where: str, *, drops_angles: bool = F
         return _finite(number, where)
     _check_meaning(given, unit, where)
     return _finite(_convert(number, given, unit, where, drops_angles), where)
+
+
+def last_place(raw: object, unit: str) -> float:
+    """Return one unit of the last digit written in a quantity that `parse_quantity` takes.
+
+    Of "0.82 rad" it is 0.01, of "45 deg" one degree in radians.
+    """
+    text = raw if isinstance(raw, str) else repr(raw)
+    match = _PLAIN.fullmatch(text)
+    if match is None:
+        return 0.0
+    exponent = Decimal(match[1]).as_tuple().exponent
+    given = f"1e{exponent} {match[2]}".strip()
+    return parse_quantity(given if unit or match[2] else float(given), unit, "", drops_angles=True)
 
 
 def _float(number: int | float) -> float:

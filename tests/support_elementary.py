@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
+from pfaffian.derive.emit.precision import DOUBLE
 
 Array = npt.NDArray[np.float64]
 
@@ -25,7 +26,8 @@ POINTS = int(os.environ.get("PFAFFIAN_ELEMENTARY_POINTS", "15000"))
 #: Order of the cases in the batch function below. The last takes its second argument from z.
 FUNCTIONS = (
     *("sqrt", "sin", "cos", "atan", "exp", "expm1", "tanh", "sincos", "is_finite"),
-    *("sqrt_software", "sincos_inline", "atan_inline", "atan2"),
+    *("sqrt_software", "sincos_inline", "atan_inline"),
+    *("log", "asin", "acos", "sinh", "cosh", "atan2"),
 )
 
 #: Functions that write both rows.
@@ -44,7 +46,7 @@ TARGET_FLAGS = (
 )
 
 _BATCH = """
-#include "pf_elementary_inline.h"
+#include "pf_elementary_further.h"
 
 #include <stdint.h>
 
@@ -65,7 +67,12 @@ void batch(int32_t which, int32_t count, const double *x, double *y, double *z)
         case 9: y[i] = pf_sqrt_software(x[i]); break;
         case 10: pf_sincos_inline(x[i], &y[i], &z[i]); break;
         case 11: y[i] = pf_atan_inline(x[i]); break;
-        case 12: y[i] = pf_atan2(x[i], z[i]); break;
+        case 12: y[i] = pf_log(x[i]); break;
+        case 13: y[i] = pf_asin(x[i]); break;
+        case 14: y[i] = pf_acos(x[i]); break;
+        case 15: y[i] = pf_sinh(x[i]); break;
+        case 16: y[i] = pf_cosh(x[i]); break;
+        case 17: y[i] = pf_atan2(x[i], z[i]); break;
         default: y[i] = pf_is_finite(x[i]) ? 1.0 : 0.0; break;
         }
     }
@@ -80,7 +87,7 @@ def render(directory: Path) -> Path:
     """Write header, source and the batch driver into `directory`, and return it."""
     directory.mkdir(parents=True, exist_ok=True)
     context = {"header": "/* test build */", **render_context()}
-    for name in ELEMENTARY_FILES:
+    for name in (*ELEMENTARY_FILES, DOUBLE.further_header):
         (directory / name).write_text(fill(f"c/{name}.j2", context), encoding="utf-8")
     (directory / "batch.c").write_text(_BATCH, encoding="utf-8")
     return directory

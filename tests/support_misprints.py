@@ -1,5 +1,8 @@
 """One misprint a row of the audit, and more: (number, what is printed, what is printed instead)."""
 
+import re
+from collections.abc import Iterator
+
 #: Of a row that differs as printed the misprint is the right form, or spoils what holds in it.
 MISPRINTS = (
     (1, "2*theta3*cos(q2)", "theta3*cos(q2)"),
@@ -98,3 +101,41 @@ MISPRINTS = (
     (47, "norm(dq) + 1)**2", "norm(dq) + 1)**3"),
     (48, "theta2/", "((lam - 1)*theta2 - theta3*cos(q2))/"),
 )
+
+#: What a symbol is taken for in a mechanical misprint.
+_TAKEN_FOR = {
+    **{f"{name}1": f"{name}2" for name in ("q", "dq", "ddq", "e", "de", "lam")},
+    **{f"{name}2": f"{name}1" for name in ("q", "dq", "ddq", "e", "de", "lam")},
+    **{"q10": "q20", "q20": "q10", "dq10": "dq20", "dq20": "dq10"},
+    **{"theta1": "theta2", "theta2": "theta1", "theta3": "theta1", "cos": "sin", "sin": "cos"},
+    **{"k1": "k2", "k2": "k1", "kappa": "k1", "epsilon": "kappa", "lower": "kappa"},
+    **{"lam": "lam1", "sigma": "lam1", "eta": "sigma", "alpha": "ahat", "ahat": "alpha"},
+    **{"p1": "p2", "p2": "p3", "p3": "p1", "mu": "bhat", "bhat": "mu", "beta": "dbeta"},
+    **{"dbeta": "beta", "Fhat": "dF", "D": "M", "F": "G", "G": "F", "C": "M"},
+}
+_SIGN = re.compile(r"(?<= )[-+](?= )|^-|(?<=\()-")
+_NUMBER = re.compile(r"(?<![\w.])\d+(?![\w.])")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+#: Rows of which every sign, number and symbol was tried; the first are cheap.
+CHEAP = (2, 3, 9, 12, 16, 18, 19, 22, 25, 31)
+SEEN_WHOLE = (*CHEAP, 4, 5, 6, 7, 8, 11, 15, 17, 20, 21, 23, 24, 27, 28, 30, 32, 33, 34, 35, 36, 37)
+#: Changes that leave a true statement: q2d is 0, A D dF is 0, and weaker bounds.
+TRUE_STILL = {
+    (4, "q2 + q2d"),
+    (28, "A*D*B*Fhat - A*D*dF"),
+    (28, "A*D*B*Fhat - 0"),
+    (30, "3*norm(bhat)*alpha.T*Pi"),
+}
+
+
+def changes(text: str) -> Iterator[str]:
+    """Yield `text` with a sign turned, a number raised by one, a symbol taken for another."""
+    for found in _SIGN.finditer(text):
+        inner = found.start() and text[found.start() - 1] == " "
+        turned = {"+": "-", "-": "+"}[found[0]] if inner else ""
+        yield text[: found.start()] + turned + text[found.end() :]
+    for found in _NUMBER.finditer(text):
+        yield text[: found.start()] + str(int(found[0]) + 1) + text[found.end() :]
+    for found in _NAME.finditer(text):
+        if found[0] in _TAKEN_FOR:
+            yield text[: found.start()] + _TAKEN_FOR[found[0]] + text[found.end() :]

@@ -1,7 +1,7 @@
 """Names as people give them, and plants in which they can stand for anything.
 
 `NAMES` are 300 names that mean something somewhere: to this package, to C, C++ and Python, to
-mathematics. A plant here is a row of masses between springs, each name in the role asked for.
+mathematics. A plant here is a row of discs on an elastic shaft, each name in the role asked for.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
 from pfaffian.derive.derivation import Derivation, derive
 from pfaffian.derive.emit.emitter import Emission
@@ -71,7 +72,7 @@ CPP_FLAGS = ("-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x",
 
 @dataclass(frozen=True)
 class Named:
-    """What a plant calls its things: a mass a coordinate, a force an actuator.
+    """What a plant calls its things: a disc a coordinate, a torque an actuator.
 
     Without constraints there is one actuator, and the standard constraint.
     """
@@ -85,23 +86,24 @@ class Named:
 
 def usable(names: Sequence[str], *, member: bool = False) -> list[str]:
     """Return those of `names` that are not reserved, nor a gain or limit of every law."""
-    taken = {*LAW, "torque_limit", "heft", "hardness"}
+    taken = {*LAW, "torque_limit", "heft", "hardness", "nearing"}
     return [n for n in names if not objection(n, member=member) and n not in taken]
 
 
 def plant(named: Named) -> ModelSpec:
-    """Return masses in a row on springs; each parameter pulls at one, each gain adds to a rate."""
-    m = ModelBuilder("fuzzed", title="masses in a row", source="made up for the test")
-    pairs = [m.coordinate(c, "m", "a mass", bound=100, rate_bound=100) for c in named.coordinates]
-    mass = m.parameter("heft", "kg", "of each", upper=100.0)
-    pull = sum(m.parameter(p, "N", "pulls at a mass", upper=100.0) for p in named.parameters)
-    spring = m.parameter("hardness", "N/m", "of each spring", upper=100.0)
-    gains = [m.gain(g, "1/s", "of an error", bound=100.0) for g in named.gains]
+    """Return discs on a shaft, the first a pendulum; parameters pull at it, gains add to a rate."""
+    m = ModelBuilder("fuzzed", title="discs on a shaft", source="made up for the test")
+    pairs = [m.coordinate(c, "rad", "a disc", bound=9, rate_bound=100) for c in named.coordinates]
+    mass = m.parameter("heft", "kg*m^2", "of each", upper=100.0)
+    pull = sum(m.parameter(p, "N*m", "pulls at a disc", upper=100.0) for p in named.parameters)
+    spring = m.parameter("hardness", "N*m", "of each spring", upper=100.0)
+    pace = m.gain("nearing", "1/s", "of each error", bound=100.0) if named.constraints else 0
+    shift = sum(m.gain(g, "rad/s", "of an offset", bound=100.0) for g in named.gains)
     for k, a in enumerate(named.actuators):
-        m.actuator(a, "N", "on a mass", on={named.coordinates[k]: 1})
+        m.actuator(a, "N*m", "on a disc", on={named.coordinates[k]: 1})
     for c, (q, dq) in zip(named.constraints, pairs, strict=False):
-        m.first_order(c, "m/s", dq + sum(gains) * (q - m.setpoint(q)))
-    bent = sum((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(pairs)) + pairs[0][0] ** 2
+        m.first_order(c, "rad/s", dq + pace * (q - m.setpoint(q)) + shift)
+    bent = sum((b[0] - a[0]) ** 2 for a, b in itertools.pairwise(pairs)) - 2 * sp.cos(pairs[0][0])
     return m.build(
         kinetic_energy=mass * sum(dq**2 for _, dq in pairs) / 2,
         potential_energy=spring * bent / 2 + pull * pairs[0][0],

@@ -144,7 +144,7 @@ REFUSED = {
     ),
     "a setpoint that falls over": (
         f'{SIM}[gains]\nq1d = "1 rad"\n',
-        "the setpoint is not an equilibrium: gravity leaves 0.309 N m",
+        "the setpoint is not an equilibrium: gravity leaves 0.309 N*m on q2",
         "choose a setpoint where the unactuated joints are in balance",
     ),
     "a setpoint inside the singular set": (

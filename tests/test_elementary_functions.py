@@ -19,6 +19,7 @@ from pfaffian.derive.elementary import (
     elementary_coefficients,
     render_context,
 )
+from pfaffian.derive.elementary_further import further_coefficients
 from pfaffian.derive.elementary_tables import ATAN_ROWS, atan_edges
 from pfaffian.runtime.toolchain import processor_has_fma
 from support_elementary import (
@@ -41,6 +42,8 @@ from support_elementary import (
 
 HALF_PI = math.pi / 2
 SMALLEST = 5e-324
+#: The largest x whose sinh and cosh are finite.
+LAST_SINH = float.fromhex("0x1.633ce8fb9f87dp+9")
 INF = math.inf
 NAN = value_of(QUIET_NAN_BITS)
 
@@ -89,6 +92,19 @@ def samples(name: str) -> Array:
         edges = [*switches, 18.714973875118524, 19.06154746539849, 20.0]
         sizes = [rng.uniform(-2, 2, n), rng.uniform(0.1, 0.25, n), spread(rng, -20, 1024, n)]
         parts = [*sizes, rng.uniform(2, 20, n), beside(edges, rng)]
+    elif name == "log":
+        narrow = [rng.uniform(0.5, 2, n), rng.uniform(0.68, 0.76, n), rng.uniform(1.3, 1.5, n)]
+        close = 1.0 + spread(rng, -52, -1, n)
+        parts = [*narrow, close, np.abs(spread(rng, -1074, 1024, n)), beside([1.0, 2.0, 0.5], rng)]
+        return np.abs(np.concatenate([everywhere, *parts]))
+    elif name in ("asin", "acos"):
+        ends = (1.0 - np.exp2(rng.uniform(-53, -1, n))) * rng.choice([-1.0, 1.0], n)
+        middle = [rng.uniform(-1, 1, n), rng.uniform(0.45, 0.58, n), spread(rng, -60, 0, n)]
+        x = np.concatenate([everywhere, *middle, ends, beside([0.5], rng), [-1.0]])
+        return x[np.abs(x) <= 1.0]
+    elif name in ("sinh", "cosh"):
+        sizes = [rng.uniform(-1, 1, n), rng.uniform(0.3, 3, n), rng.uniform(-710.47, 710.47, n)]
+        parts = [*sizes, spread(rng, -60, 3, n), beside([0.5, *switches], rng), [LAST_SINH]]
     else:
         narrow = [rng.uniform(-2, 2, n), rng.uniform(0.34, 0.4, n), spread(rng, -30, 9.4, n)]
         sizes = [rng.uniform(-700, 700, n), rng.uniform(-40, 40, n), rng.uniform(36, 40, n)]
@@ -205,7 +221,7 @@ def test_square_root_next_to_midpoints(host: Evaluate) -> None:
         assert_correctly_rounded(host, x * scale)
 
 
-@pytest.mark.parametrize("name", ["sin", "atan", "tanh"])
+@pytest.mark.parametrize("name", ["sin", "atan", "tanh", "asin", "sinh"])
 def test_odd_in_every_bit(host: Evaluate, name: str) -> None:
     """Other than zero, whose sign only the square root keeps."""
     x = mixed_arguments(30_000)
@@ -226,7 +242,9 @@ def test_cosine_even_and_sincos_the_same_bits(host: Evaluate) -> None:
 def test_only_one_nan_comes_out(host: Evaluate) -> None:
     x = mixed_arguments(50_000)
     turns = np.abs(x) <= SINCOS_MAX
-    domains = {"is_finite": np.full(x.shape, True), "sqrt": x >= 0, "sqrt_software": x >= 0}
+    one = np.abs(x) <= 1.0
+    domains = {"log": x >= 0, "asin": one, "acos": one}
+    domains |= {"is_finite": np.full(x.shape, True), "sqrt": x >= 0, "sqrt_software": x >= 0}
     domains |= dict.fromkeys(("sin", "cos", "sincos", "sincos_inline"), turns)
     for name in FUNCTIONS[:-1]:
         y = host(name, x)
@@ -236,6 +254,7 @@ def test_only_one_nan_comes_out(host: Evaluate) -> None:
 
 
 AFTER_MAX = math.nextafter(SINCOS_MAX, INF)
+ABOVE_ONE, AFTER_SINH = math.nextafter(1.0, INF), math.nextafter(LAST_SINH, INF)
 SPECIAL = [
     *[("sqrt", x, y) for x, y in [(0.0, 0.0), (-0.0, -0.0), (INF, INF), (4.0, 2.0)]],
     *[("sqrt", x, NAN) for x in (-SMALLEST, -1.0, -INF, NAN)],
@@ -250,6 +269,18 @@ SPECIAL = [
     *[("exp", x, 1.0) for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
     *[("exp", -INF, 0.0), ("exp", INF, INF), ("expm1", -INF, -1.0), ("expm1", INF, INF)],
     *[(name, NAN, NAN) for name in ("atan", "tanh", "exp", "expm1")],
+    *[("log", x, -INF) for x in (0.0, -0.0)],
+    *[("log", 1.0, 0.0), ("log", INF, INF), ("log", 2.0, math.log(2.0))],
+    *[("log", x, NAN) for x in (-SMALLEST, -1.0, -INF, NAN)],
+    *[(f, x, x) for f in ("asin", "sinh") for x in (0.0, -0.0, SMALLEST, -SMALLEST, 1e-300)],
+    *[("asin", s, s * HALF_PI) for s in (1.0, -1.0)],
+    *[("acos", 1.0, 0.0), ("acos", -1.0, math.pi), ("acos", 0.0, HALF_PI)],
+    *[(f, x, NAN) for f in ("asin", "acos") for x in (ABOVE_ONE, -ABOVE_ONE, INF, -INF, NAN)],
+    *[("cosh", x, 1.0) for x in (0.0, -0.0, SMALLEST, -1e-300)],
+    *[(f, x, INF) for f in ("sinh", "cosh") for x in (AFTER_SINH, 711.0, 1e308, INF)],
+    *[("sinh", -x, -INF) for x in (AFTER_SINH, 711.0, 1e308, INF)],
+    *[("cosh", -x, INF) for x in (AFTER_SINH, INF)],
+    *[(f, NAN, NAN) for f in ("sinh", "cosh")],
     *[("is_finite", x, 1.0) for x in (0.0, -0.0, SMALLEST, -1.7976931348623157e308)],
     *[("is_finite", x, 0.0) for x in (INF, -INF, NAN, -NAN)],
 ]
@@ -325,6 +356,7 @@ def test_target_code_calls_nothing(sources: Path) -> None:
 
 def test_gcc_finds_nothing_to_warn_about(sources: Path) -> None:
     run(("gcc", *BASE_FLAGS, *WARNINGS, "-O2", "-c", "pf_elementary.c", "-o", "w.o"), sources)
+    run(("gcc", *BASE_FLAGS, *WARNINGS, "-O2", "-c", "batch.c", "-o", "w_further.o"), sources)
 
 
 @pytest.mark.target
@@ -332,6 +364,8 @@ def test_clang_finds_nothing_to_warn_about(sources: Path) -> None:
     quiet = ("-Wno-unused-command-line-argument", "-c", "pf_elementary.c", "-o", "w_clang.o")
     run((*ZIG, *BASE_FLAGS, *TARGET_FLAGS, *WARNINGS, *quiet), sources)
     run((*ZIG, *BASE_FLAGS, *WARNINGS, "-O2", *quiet), sources)
+    further = ("-Wno-unused-command-line-argument", "-c", "batch.c", "-o", "w_further.o")
+    run((*ZIG, *BASE_FLAGS, *TARGET_FLAGS, *WARNINGS, *further), sources)
 
 
 @pytest.mark.target
@@ -358,8 +392,11 @@ def test_reference_values_agree_with_mpmath(host: Evaluate) -> None:
 
 def test_formulas_are_well_below_the_rounding_errors() -> None:
     c = elementary_coefficients()
-    for formula in (c.sin, c.versine, c.atan, c.exp):
+    more = further_coefficients()
+    for formula in (c.sin, c.versine, c.atan, c.exp, more.log, more.asin, more.sinh, more.exp):
         assert 0.0 < formula.error < 2.0**-55.5
+    exponents = 1074 + 54  # times the first part of ln 2: exact
+    assert mpmath.mpf(more.log_ln2[0]).man * exponents < 2**53
     assert 0.0 < c.sqrt_seed_error < 2.0**-8  # squared three times: the rounding is left
     with mpmath.workdps(60):
         assert abs(mpmath.fsum(c.step) - mpmath.pi / 16) < mpmath.mpf(2) ** -142

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from pfaffian.derive.elementary import SINCOS_MAX
+from pfaffian.derive.elementary_further import further_coefficients_single
 from pfaffian.derive.elementary_single import (
     QUIET_NAN_BITS_SINGLE,
     ULP_BOUNDS_SINGLE,
@@ -22,6 +23,7 @@ from pfaffian.derive.elementary_single import (
     single_render_context,
 )
 from pfaffian.derive.emit.emitter import fill
+from pfaffian.derive.emit.precision import SINGLE
 from pfaffian.runtime.machine import Ppc750Machine
 from pfaffian.runtime.toolchain import processor_has_fma
 from support_elementary import BASE_FLAGS, POINTS, TARGET_FLAGS, WARNINGS, ZIG, run
@@ -31,11 +33,14 @@ Evaluate = Callable[[str, Singles], Singles]
 
 INF = math.inf
 SMALLEST = 2.0**-149
-NAMES = ("sqrt", "sin", "cos", "atan", "exp", "expm1", "tanh", "is_finite")
+NAMES = (
+    *("sqrt", "sin", "cos", "atan", "exp", "expm1", "tanh", "is_finite"),
+    *("log", "asin", "acos", "sinh", "cosh"),
+)
 NO_DOUBLE = ("-Wdouble-promotion", "-Wfloat-conversion", "-Werror")
 
 _BATCH = """
-#include "pf_elementaryf.h"
+#include "pf_elementary_furtherf.h"
 #include <stdint.h>
 uint32_t batch(uint32_t which, uint32_t count, const float *x, float *y, float *z);
 uint32_t batch(uint32_t which, uint32_t count, const float *x, float *y, float *z)
@@ -49,6 +54,11 @@ uint32_t batch(uint32_t which, uint32_t count, const float *x, float *y, float *
         case 4: y[i] = pf_expf(x[i]); break;
         case 5: y[i] = pf_expm1f(x[i]); break;
         case 6: y[i] = pf_tanhf(x[i]); break;
+        case 8: y[i] = pf_logf(x[i]); break;
+        case 9: y[i] = pf_asinf(x[i]); break;
+        case 10: y[i] = pf_acosf(x[i]); break;
+        case 11: y[i] = pf_sinhf(x[i]); break;
+        case 12: y[i] = pf_coshf(x[i]); break;
         default: y[i] = pf_is_finitef(x[i]) ? 1.0f : 0.0f; break;
         }
     }
@@ -61,7 +71,7 @@ uint32_t batch(uint32_t which, uint32_t count, const float *x, float *y, float *
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("single")
     context = {"header": "/* test build */", **single_render_context()}
-    for name in ("pf_elementaryf.h", "pf_elementaryf.c"):
+    for name in (*SINGLE.elementary_files, SINGLE.further_header):
         (folder / name).write_text(fill(f"c/{name}.j2", context), encoding="utf-8")
     (folder / "batch.c").write_text(_BATCH, encoding="utf-8")
     return folder
@@ -108,14 +118,31 @@ def samples(name: str) -> Singles:
         parts += [rng.uniform(-SINCOS_MAX, SINCOS_MAX, n), near, *sides]
     elif name in ("atan", "tanh"):
         parts += [spread(rng, -3, 4, n), spread(rng, 3, 127, n), rng.uniform(0.09, 0.2, n)]
+    elif name == "log":
+        parts += [rng.uniform(0.5, 2, n), 1.0 + spread(rng, -24, -1, n), spread(rng, -149, 127, n)]
+        whole = np.abs(np.concatenate([np.asarray(p, dtype=np.float32) for p in parts]))
+        return whole[whole > 0.0]
+    elif name in ("asin", "acos"):
+        parts = [
+            rng.uniform(-1, 1, n),
+            1.0 - np.abs(spread(rng, -24, -1, n)),
+            spread(rng, -60, 0, n),
+        ]
+        whole = np.concatenate([np.asarray(p, dtype=np.float32) for p in parts])
+        return whole[np.abs(whole) <= 1.0]
+    elif name in ("sinh", "cosh"):
+        parts += [rng.uniform(-89.4, 89.4, n), rng.uniform(0.4, 0.7, n)]
     else:
         parts += [rng.uniform(-87, 88, n), rng.uniform(-104, -87, n), rng.uniform(-21, -15, n)]
     return np.concatenate([np.asarray(p, dtype=np.float32) for p in parts])
 
 
+_NUMPY = {"atan": "arctan", "asin": "arcsin", "acos": "arccos"}
+
+
 def errors(name: str, x: Singles, y: Singles) -> npt.NDArray[np.float64]:
     """Return the error of each y in units in the last place of a single."""
-    reference = getattr(np, {"atan": "arctan"}.get(name, name))
+    reference = getattr(np, _NUMPY.get(name, name))
     exact = reference(x.astype(np.float64))
     ulp = np.maximum(np.ldexp(1.0, np.frexp(np.abs(exact))[1] - 24), SMALLEST)
     result: npt.NDArray[np.float64] = np.abs(y.astype(np.float64) - exact) / ulp
@@ -154,6 +181,14 @@ SPECIAL = [
     *[("exp", -INF, 0.0), ("exp", INF, INF), ("expm1", -INF, -1.0), ("expm1", INF, INF)],
     *[("exp", 88.8, INF), ("exp", -104.0, 0.0), ("expm1", 88.8, INF), ("expm1", -25.0, -1.0)],
     *[(name, NAN, NAN) for name in ("atan", "tanh", "exp", "expm1")],
+    *[("log", 0.0, -INF), ("log", -0.0, -INF), ("log", INF, INF), ("log", 1.0, 0.0)],
+    *[("log", x, NAN) for x in (-SMALLEST, -1.0, -INF, NAN)],
+    *[(f, x, x) for f in ("asin", "sinh") for x in (0.0, -0.0, SMALLEST, 1e-30)],
+    *[("asin", 1.0, math.pi / 2), ("acos", -1.0, math.pi), ("acos", 1.0, 0.0)],
+    *[(f, x, NAN) for f in ("asin", "acos") for x in (1.0000002, -1.0000002, INF, NAN)],
+    *[(f, x, INF) for f in ("sinh", "cosh") for x in (89.5, 3e38, INF)],
+    *[("sinh", -INF, -INF), ("cosh", -INF, INF), ("cosh", -0.0, 1.0)],
+    *[(f, NAN, NAN) for f in ("sinh", "cosh")],
     *[("is_finite", x, 1.0) for x in (0.0, SMALLEST, -3e38)],
     *[("is_finite", x, 0.0) for x in (INF, -INF, NAN)],
 ]
@@ -199,7 +234,9 @@ def test_same_bits_on_the_target(sources: Path, host: Evaluate) -> None:
 
 def test_nothing_of_double_in_the_code(sources: Path) -> None:
     run(("gcc", *BASE_FLAGS, *WARNINGS, *NO_DOUBLE, "-O2", "-c", "pf_elementaryf.c"), sources)
-    assert "double" not in (sources / "pf_elementaryf.c").read_text(encoding="utf-8")
+    run(("gcc", *BASE_FLAGS, *WARNINGS, *NO_DOUBLE, "-O2", "-c", "batch.c"), sources)
+    for name in ("pf_elementaryf.c", SINGLE.further_header):
+        assert "double" not in (sources / name).read_text(encoding="utf-8")
 
 
 @pytest.mark.target
@@ -211,7 +248,10 @@ def test_target_compiler_finds_nothing_to_warn_about(sources: Path) -> None:
 def test_constants_are_singles() -> None:
     c = single_coefficients()
     values = [c.steps, *c.step, *c.half_pi, c.log2_e, *c.ln2, c.exp_overflow, c.exp_underflow]
-    for fit in (c.sin, c.versine, c.atan, c.exp):
+    more = further_coefficients_single()
+    values += [*more.log_ln2, *more.half_pi, more.log2_e, *more.ln2, more.sinh_overflow]
+    values += [more.root_half]
+    for fit in (c.sin, c.versine, c.atan, c.exp, more.log, more.asin, more.sinh, more.exp):
         values += fit.coefficients
         assert 0.0 < fit.error < 2.0**-27
     for row in c.sincos_rows:

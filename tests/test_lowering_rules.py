@@ -9,8 +9,8 @@ import sympy as sp
 from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.elementary_fit import to_single
 from pfaffian.derive.functions import side
-from pfaffian.derive.lowering import lower
-from pfaffian.derive.program import Op, evaluate
+from pfaffian.derive.lowering import _without_dead, lower
+from pfaffian.derive.program import Instruction, Op, evaluate
 
 X, Y, Z = sp.symbols("x y z", real=True)
 
@@ -94,12 +94,21 @@ def test_choices_are_lowered_with_their_sides_and_edges(expression, plain):
 
 
 def test_constants_keep_their_signs():
-    """1/3 and -1/3 are two constants, and each occurs once however often it is used."""
-    a, b = sp.Float(1) / 3, sp.Float(-1) / 3
-    expression = sp.Max(X + a, X + b) * sp.Min(Y + a, Y + b)
-    assert value_of(expression, x=1.0, y=1.0) == pytest.approx(4 / 3 * 2 / 3, rel=1e-15)
-    constants = [i.value for i in lowered(expression).instructions if i.op is Op.CONST]
-    assert len(constants) == len(set(constants))
+    """-1/3, 1/3 and -1/3 again are two constants: each is kept once, with its own sign."""
+    tape = [
+        *(Instruction(Op.CONST, value=v) for v in (-1 / 3, 1 / 3, -1 / 3, 0.0, -0.0)),
+        Instruction(Op.SUB, (1, 0)),
+        Instruction(Op.ADD, (5, 2)),
+        Instruction(Op.MUL, (3, 4)),
+    ]
+    kept, results = _without_dead(tape, (6, 7, 3, 4))
+    constants = [i.value.hex() for i in kept if i.op is Op.CONST]
+    assert constants == [v.hex() for v in (-1 / 3, 1 / 3, 0.0, -0.0)]
+    assert [kept[r].op for r in results] == [Op.ADD, Op.MUL, Op.CONST, Op.CONST]
+    difference, again = kept[results[0]].args
+    assert [kept[a].value for a in kept[difference].args] == [1 / 3, -1 / 3]
+    assert kept[again].value == -1 / 3
+    assert [math.copysign(1.0, kept[r].value) for r in results[2:]] == [1.0, -1.0]
 
 
 def test_an_unknown_function_is_refused_by_its_name():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import random
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,10 +36,10 @@ def test_the_list_has_150_faults_in_every_area_and_few_are_explained():
 
 
 def test_python_faults_leave_a_module_that_compiles():
-    for fault in FAULTS:
-        if fault.file.endswith(".py"):
-            text = (catalogue.ROOT / fault.file).read_text(encoding="utf-8")
-            compile(text.replace(fault.find, fault.replace), fault.file, "exec")
+    for file, old, new in (e for f in FAULTS for e in f.edits):
+        if file.endswith(".py"):
+            text = (catalogue.ROOT / file).read_text(encoding="utf-8")
+            compile(text.replace(old, new), file, "exec")
 
 
 def drawn():
@@ -115,13 +116,22 @@ def test_a_fault_without_an_end_is_caught_by_its_time(little, monkeypatch):
     assert "no end" in verdict.note
 
 
-def test_planting_takes_one_place_and_returns_the_former_bytes(tmp_path):
+def test_planting_takes_one_place_each_and_is_taken_out_again(tmp_path):
     (tmp_path / "tests").mkdir()
-    path = tmp_path / "tests" / "double.py"
+    (tmp_path / "tests" / "test_it.py").write_text(TEST)
+    path, other = tmp_path / "tests" / "double.py", tmp_path / "other.py"
     path.write_text(SOUND)
-    assert plant(fault("2 * x", "3 * x"), tmp_path, 10**9) == SOUND.encode()
+    other.write_text("A = 1\n")
+    both = replace(fault("2 * x", "3 * x"), also=(("other.py", "= 1", "= 2"),))
+    before = path.stat().st_mtime_ns
+    restore = plant(both, tmp_path, 10**9)
     assert path.read_text() == SOUND.replace("2 * x", "3 * x")
+    assert other.read_text() == "A = 2\n"
     assert path.stat().st_mtime == 10**9
+    for one in restore:
+        one()
+    assert (path.read_text(), other.read_text()) == (SOUND, "A = 1\n")
+    assert path.stat().st_mtime_ns == before
     path.write_text(SOUND + "# 2 * x\n")
     with pytest.raises(ValueError, match="2 times"):
-        plant(fault("2 * x", "3 * x"), tmp_path, 10**9)
+        plant(both, tmp_path, 10**9)

@@ -110,9 +110,9 @@ def test_the_torque_is_the_same_under_every_name_and_never_beyond_its_limit(
 
 
 def test_odd_names_together_are_verified_with_one_actuator(tmp_path):
-    parameters = [n for n in usable(NAMES) if n not in {"b", "s", "p1", "sd", "db"}]
+    parameters = [n for n in usable(NAMES) if n not in {"sin", "s", "p1", "sd"}]
     code = verified(
-        Named(coordinates=("b", "s"), actuators=("p1",), parameters=parameters[::4]),
+        Named(coordinates=("sin", "s"), actuators=("p1",), parameters=parameters[::4]),
         tmp_path / "out",
         20,
     )
@@ -179,8 +179,8 @@ def chunks(names, size):
 @pytest.mark.parametrize("names", some(chunks(usable(NAMES), 40)), ids=lambda n: n[0])
 @pytest.mark.parametrize("role", ["gains", "parameters"] if EVERY else ["gains"])
 def test_names_as_parameter_and_gain(role, names, tmp_path):
-    constraints = ("wanted",) if role == "gains" else ()
-    verified(Named(constraints=constraints, **{role: names}), tmp_path / "out", 30, extras=True)
+    two = {"actuators": ("push", "pull"), "constraints": ("wanted", "too")}
+    verified(Named(**{role: names}, **(two if role == "gains" else {})), tmp_path / "out", 20)
 
 
 def several():
@@ -190,9 +190,7 @@ def several():
     count = len(names)
     for k in range(0, count, 3):
         roles = [[names[(k + shift + i) % count] for i in range(3)] for shift in (0, 31, 67)]
-        yield Named(
-            coordinates=roles[0], actuators=roles[1], constraints=roles[2], gains=("approach",)
-        )
+        yield Named(coordinates=roles[0], actuators=roles[1], constraints=roles[2])
 
 
 @pytest.mark.parametrize("named", some(list(several())), ids=lambda n: n.coordinates[0])
@@ -206,6 +204,6 @@ def test_a_name_alone(name, tmp_path):
     for named in (
         Named(coordinates=(name, "right")),
         Named(actuators=(name,)),
-        Named(constraints=(name,), gains=("approach",), actuators=(other,)),
+        Named(constraints=(name,), actuators=(other,)),
     ):
         verified(named, tmp_path / "-".join([*named.coordinates, *named.actuators]), 20)

@@ -141,8 +141,8 @@ SLIPS = {
     ),
     "a function without code": (
         "potential_energy=ball * g * centre[1]",
-        "potential_energy=ball * g * r * sp.asin(sp.sin(theta))",
-        "ballbeam/spec.py: no lowering for asin",
+        "potential_energy=ball * g * r * sp.asinh(sp.sin(theta))",
+        "ballbeam/spec.py:{line}: model ballbeam: the potential energy contains asinh(sin(theta))",
     ),
     "a name of the law": (
         '"ball_radius", "m"',

@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pfaffian.derive.emit import plan_table
 from pfaffian.derive.emit.plan_table import hermite
 from pfaffian.derive.library import LIBRARY
 from pfaffian.derive.plan import check
 from pfaffian.derive.plan.check import DEFECT_TOLERANCE, PlanCheck
 from pfaffian.derive.plan.document import read_plan
 from pfaffian.derive.plan.reference import Curve, torque_at
+from pfaffian.runtime.errors import InputError
 
 
 def cubic(t):
@@ -122,3 +125,11 @@ def test_the_row_rates_of_a_fresh_plan_are_differences_of_its_rows(rig):
     middle = (r[:-4] - 8.0 * r[1:-3] + 8.0 * r[3:-1] - r[4:]) / (12.0 * h)
     off = np.abs(middle - path.rates[2:-2]).max()
     assert off < 0.02 * np.abs(path.rates).max()
+
+
+def test_a_table_needs_nodes_that_are_evenly_spaced_from_zero():
+    path = Path("mine.json")
+    assert plan_table._period({"times": [0.0, 0.25, 0.5, 0.75]}, path, "") == 0.25
+    for times in ([0.0, 0.25, 0.51, 0.75], [0.1, 0.25, 0.5], [0.0, 0.0], [0.0, 0.7, 0.75]):
+        with pytest.raises(InputError, match=r"mine\.json: its (times|nodes)"):
+            plan_table._period({"times": times}, path, "plan again")

@@ -5,7 +5,7 @@ import math
 
 import pytest
 from pfaffian.derive.emit.finite import values_to_check
-from pfaffian.derive.emit.precision import DOUBLE
+from pfaffian.derive.emit.precision import DOUBLE, SINGLE
 from pfaffian.derive.emit.statements import statements_of
 from pfaffian.derive.program import Instruction, Op, Program, Signal, evaluate
 
@@ -49,3 +49,13 @@ def test_a_quotient_vouches_for_what_it_divides_alone():
     wild = evaluate(both, {"x": math.inf, "y": 1.0, "z": 1.0})
     assert math.isinf(wild["sum"])
     assert wild["quotient"] == 0.0
+
+
+def test_each_precision_takes_its_bounds_inwards():
+    """What passes a rounded bound passes the exact one: 0.1 and 1e-6 are no singles."""
+    for bound in (0.1, 1e-6, 0.3, 1e5 + 0.1):
+        low, high = SINGLE.at_least(bound), SINGLE.at_most(bound)
+        assert high < bound < low
+        assert low - high <= 2.0**-22 * bound
+        assert -SINGLE.at_least(-bound) == SINGLE.at_most(bound)
+        assert DOUBLE.at_least(bound) == DOUBLE.at_most(bound) == bound

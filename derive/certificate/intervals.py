@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from pfaffian.derive.program import Instruction, Op, Program
+from pfaffian.derive.program import LOGICAL, Instruction, Op, Program
 
 Array = np.ndarray[Any, Any]
 Interval = tuple[Array, Array]
@@ -70,6 +70,29 @@ def _rising(function: Callable[[Array], Array]) -> Callable[[Interval], Interval
     return lambda a: (function(a[0]), function(a[1]))
 
 
+def _within(
+    function: Callable[[Interval], Interval], low: float, high: float
+) -> Callable[[Interval], Interval]:
+    """Enclose by `function` what lies within its domain, the rest by the whole line."""
+
+    def enclose(a: Interval) -> Interval:
+        inside = (a[0] >= low) & (a[1] <= high)
+        below, above = function(a)
+        return np.where(inside, below, -np.inf), np.where(inside, above, np.inf)
+
+    return enclose
+
+
+def _select(_: Interval, a: Interval, b: Interval) -> Interval:
+    """Enclose both sides: the truth of a comparison is not looked at."""
+    return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
+
+
+def _even(function: Callable[[Array], Array]) -> Callable[[Interval], Interval]:
+    """Enclose an even function that rises with |x|."""
+    return lambda a: _rising(function)(_magnitude(a))
+
+
 _OPERATIONS: dict[Op, Callable[..., Interval]] = {
     Op.ADD: lambda a, b: (a[0] + b[0], a[1] + b[1]),
     Op.SUB: lambda a, b: (a[0] - b[1], a[1] - b[0]),
@@ -87,6 +110,13 @@ _OPERATIONS: dict[Op, Callable[..., Interval]] = {
     Op.EXPM1: _rising(np.expm1),
     Op.TANH: _rising(np.tanh),
     Op.SIGN: _rising(np.sign),
+    Op.LOG: _within(_rising(np.log), 0.0, np.inf),
+    Op.ASIN: _within(_rising(np.arcsin), -1.0, 1.0),
+    Op.ACOS: _within(lambda a: (np.arccos(a[1]), np.arccos(a[0])), -1.0, 1.0),
+    Op.SINH: _rising(np.sinh),
+    Op.COSH: _even(np.cosh),
+    **dict.fromkeys(LOGICAL, lambda *_: (np.asarray(0.0), np.asarray(1.0))),
+    Op.SELECT: _select,
 }
 
 
@@ -103,7 +133,7 @@ def enclose(program: Program, box: Mapping[str, Interval]) -> dict[str, Interval
     """Return an enclosure of every output of `program` over boxes.
 
     `box` maps each input to its ends, arrays of shape (N,) or scalars; the outputs come as pairs
-    of arrays of that shape. Raises `NotImplementedError` for a logical operation.
+    of arrays of that shape. A choice is enclosed by both of its sides.
     """
     slots: list[Interval] = []
     names = iter(program.inputs)
@@ -138,6 +168,18 @@ _PLAIN: dict[Op, Callable[..., Array]] = {
     Op.EXPM1: np.expm1,
     Op.TANH: np.tanh,
     Op.SIGN: np.sign,
+    Op.LOG: np.log,
+    Op.ASIN: np.arcsin,
+    Op.ACOS: np.arccos,
+    Op.SINH: np.sinh,
+    Op.COSH: np.cosh,
+    Op.LESS: np.less,
+    Op.LESS_EQUAL: np.less_equal,
+    Op.EQUAL: np.equal,
+    Op.NOT: np.logical_not,
+    Op.AND: np.logical_and,
+    Op.OR: np.logical_or,
+    Op.SELECT: np.where,
 }
 
 

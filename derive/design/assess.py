@@ -11,6 +11,7 @@ from pfaffian.derive.design.nearest import SingularPoint, nearest_singular_point
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameter_set import (
     ParameterSet,
+    cyclic_notes,
     is_hurwitz,
     resolve_set,
     roots_of,
@@ -37,6 +38,8 @@ class Design:
     held for a period, needs it below 2. `routh_column` is the first column of Routh's array, and
     `hurwitz` has the derived conditions with their margins: all are positive if and only if the
     zero dynamics are stable. Where they are not, `violated` names the conditions that do not hold.
+    `cyclic` says of each cyclic coordinate that s does not see what can be asked for; its zeros at
+    the origin are not among the poles.
     """
 
     gains: dict[str, float]
@@ -51,6 +54,7 @@ class Design:
     singular_unit: str
     contraction: float
     sampled_contraction: float
+    cyclic: tuple[str, ...] = ()
     nearest_singular_point: SingularPoint | None = None
 
     @property
@@ -81,6 +85,7 @@ def assess(model: LoweredModel, parameters: ParameterSet, *, nearest: bool = Tru
         singular_unit=next((c.unit for c in model.coordinates if c.name == coordinate), ""),
         contraction=contraction,
         sampled_contraction=values.get("sample_time", 0.0) * contraction,
+        cyclic=cyclic_notes(model),
         nearest_singular_point=nearest_singular_point(model, values) if nearest else None,
     )
 

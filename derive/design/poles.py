@@ -16,6 +16,7 @@ from pfaffian.derive.parameter_set import (
     places_poles,
     polynomial_of,
     synthesise_gains,
+    zero_order,
     zero_polynomial,
 )
 from pfaffian.derive.parameters import parse_poles
@@ -52,7 +53,7 @@ def placement_for_poles(
     does it. Raises `InputError` naming `where` for a wrong number of poles, where no gains are
     found, and for gains out of their bounds.
     """
-    order = len(model.program("zero_polynomial").outputs) - 1
+    order = zero_order(model)
     if len(poles) != order:
         raise InputError(
             f"{where}: {len(poles)} poles for zero dynamics of order {order}",
@@ -132,6 +133,8 @@ def _mismatch(
     have = zero_polynomial(model, values)
     wanted = polynomial_of(poles)
     radius = max(abs(p) for p in poles)
+    if len(have) != len(wanted):  # friction gives a cyclic coordinate a pole of its own
+        return [math.inf] * len(poles)
     lead = have[0] or math.nan
     pairs = zip(have[1:], wanted[1:], strict=True)
     return [(h / lead - w) / radius ** (k + 1) for k, (h, w) in enumerate(pairs)]

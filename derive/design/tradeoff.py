@@ -9,7 +9,7 @@ from pfaffian.derive.design.assess import assess, with_values
 from pfaffian.derive.design.poles import gains_for_poles
 from pfaffian.derive.design.riccati import riccati_row
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.parameter_set import ParameterSet, zero_order
 from pfaffian.runtime.errors import InputError
 
 _POINTS = 25
@@ -43,7 +43,7 @@ def tradeoff_curve(
     exist or whose gains are out of bounds are left out.
     """
     values = parameters.as_dict()
-    order = len(model.program("zero_polynomial").outputs) - 1
+    order = zero_order(model)
     half = len(model.coordinates)
     points: list[TradeoffPoint] = []
     for rate in _spaced(_SLOWEST, _FASTEST):

@@ -90,6 +90,7 @@ def emit_batch(emission: Emission) -> dict[str, str]:
         "model": model.name,
         "own": model.own,
         "guard": model.name.upper(),
+        "further_header": emission.further_header,
         "structures": {
             role: {"name": s.name, "names": s.names()} for role, s in structures.items()
         },

@@ -213,6 +213,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "has_control": bool(emission.controls) and precision is DOUBLE,
         "has_swing_up": model.has_program("swing_up"),
         **precision.names(),
+        "further_header": emission.further_header,
         "abi": ABI_VERSION,
         "model": model.name,
         "own": model.own,
@@ -250,7 +251,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
     elementary = {"header": header, **emission.elementary()}
-    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in precision.elementary_files}
+    names = [*precision.elementary_files, *filter(None, [emission.further_header])]
+    files = {f"c/{n}": fill(f"c/{n}.j2", elementary) for n in names}
     swings = model.has_program("swing_up")
     if swings:
         context |= _swing_up(model, precision)

@@ -21,7 +21,7 @@ from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.bake import Baked, bake
 from pfaffian.derive.optimise.ranges import Range
 from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.program import TIME_NAME, Program
+from pfaffian.derive.program import FURTHER, TIME_NAME, Program
 from pfaffian.runtime.cache import cache_folder
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.manifest import ABI_VERSION
@@ -87,6 +87,12 @@ class Emission:
         text = json.dumps([[s.name, s.digest()] for s in self.sets])
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @property
+    def further_header(self) -> str:
+        """Return the header of the elementary functions that few models call; else nothing."""
+        programs = (*self.model.programs, *self.jacobians)
+        return self.precision.further_header if any(map(calls_further, programs)) else ""
+
     def elementary(self) -> Mapping[str, Any]:
         """Return what the templates of the elementary functions are filled with."""
         return self.model.elementary if self.precision is DOUBLE else self.single
@@ -108,6 +114,11 @@ class Emission:
             f"Operations a control step: {self.operations()}",
             *([f"Parameter set folded into the step: {self.sets[0].name}"] if self.bake else []),
         )
+
+
+def calls_further(program: Program) -> bool:
+    """Return whether `program` calls an elementary function of the header that few models get."""
+    return any(i.op in FURTHER for i in program.instructions)
 
 
 class Emitter(Protocol):

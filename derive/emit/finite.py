@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.program import Op, Program, Signal
+from pfaffian.derive.program import FURTHER, Op, Program, Signal
 
 #: Where the result is finite only if all operands are; a quotient says so of its numerator alone.
-_ALL = frozenset({Op.ADD, Op.SUB, Op.MUL, Op.FMA, Op.FMS, Op.FNMS, Op.NEG, Op.ABS, Op.SQRT})
+_ALL = FURTHER | {Op.ADD, Op.SUB, Op.MUL, Op.FMA, Op.FMS, Op.FNMS, Op.NEG, Op.ABS, Op.SQRT}
 
 
 def with_checks(program: Program) -> tuple[Program, tuple[str, ...]]:

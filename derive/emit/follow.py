@@ -30,6 +30,7 @@ def emit_follow(emission: Emission) -> dict[str, str]:
     context: dict[str, object] = {
         "header": "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"]),
         **precision.names(),
+        "further_header": emission.further_header,
         "model": model.name,
         "own": model.own,
         "guard": model.name.upper(),

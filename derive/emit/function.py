@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.c import body_of
-from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
+from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, calls_further, fill
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.program import Program
 
@@ -16,7 +16,9 @@ def emit_function(program: Program) -> dict[str, str]:
     outputs. It serves measurements, where no structures are wanted.
     """
     body = body_of(program, lambda index, _: f"in[{index}]")
+    further = DOUBLE.further_header if calls_further(program) else ""
     context: dict[str, object] = {
+        "further_header": further,
         "name": program.name,
         "inputs": len(program.inputs),
         "outputs": len(program.outputs),
@@ -24,7 +26,8 @@ def emit_function(program: Program) -> dict[str, str]:
         "results": list(body.results.values()),
     }
     elementary = {"header": "/* For a measurement. */", **render_context()}
-    files = {n: fill(f"c/{n}.j2", elementary) for n in ELEMENTARY_FILES}
+    names = [*ELEMENTARY_FILES, *filter(None, [further])]
+    files = {n: fill(f"c/{n}.j2", elementary) for n in names}
     scalar = {"header": "/* For a measurement. */", **DOUBLE.names()}
     files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", scalar)
     return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}

@@ -84,6 +84,7 @@ def _c_context(emission: Emission) -> dict[str, object]:
     model = emission.model
     functions = [_function(emission, p) for p in emission.jacobians]
     return {
+        "further_header": emission.further_header,
         "header": "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"]),
         "model": model.name,
         "guard": model.name.upper(),

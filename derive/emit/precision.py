@@ -106,6 +106,7 @@ class Precision:
     inline: Dialect
     step_header: str
     elementary_files: tuple[str, ...]
+    further_header: str
 
     def names(self) -> dict[str, str]:
         """Return what templates write the precision with."""
@@ -152,6 +153,11 @@ _DOUBLE_DIALECT = Dialect(
         Op.EXP: "pf_exp({0})",
         Op.EXPM1: "pf_expm1({0})",
         Op.TANH: "pf_tanh({0})",
+        Op.LOG: "pf_log({0})",
+        Op.ASIN: "pf_asin({0})",
+        Op.ACOS: "pf_acos({0})",
+        Op.SINH: "pf_sinh({0})",
+        Op.COSH: "pf_cosh({0})",
         Op.LESS: "({0} < {1})",
         Op.LESS_EQUAL: "({0} <= {1})",
         Op.NOT: "(!{0})",
@@ -201,6 +207,7 @@ DOUBLE = Precision(
     inline=_DOUBLE_INLINE,
     step_header="pf_elementary_inline.h",
     elementary_files=("pf_elementary.c", "pf_elementary.h", "pf_elementary_inline.h"),
+    further_header="pf_elementary_further.h",
 )
 SINGLE = Precision(
     name="single",
@@ -213,6 +220,7 @@ SINGLE = Precision(
     inline=_SINGLE_DIALECT,
     step_header="pf_elementaryf.h",
     elementary_files=("pf_elementaryf.c", "pf_elementaryf.h"),
+    further_header="pf_elementary_furtherf.h",
 )
 PRECISIONS: Mapping[str, Precision] = {p.name: p for p in (DOUBLE, SINGLE)}
 

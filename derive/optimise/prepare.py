@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from pfaffian.derive.optimise.tape import Tape, finished, fixed_values
-from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, Signal
+from pfaffian.derive.program import FURTHER, LOGICAL, Instruction, Op, Program, Signal
 
 _WORDS = {Op.MUL: "", Op.ADD: "plus_", Op.SUB: "minus_", Op.DIV: "over_"}
 _NUMBERS = {0.5: "half", 1.0: "one", 2.0: "two", math.pi: "pi"}
@@ -24,7 +24,7 @@ _FIRST_ALIKE = {
     Op.SELECT: 1,
 }
 #: Operations whose result has no unit.
-_PURE = LOGICAL | {Op.CONST, Op.SIGN, Op.SIN, Op.COS, Op.ATAN, Op.EXP, Op.EXPM1, Op.TANH}
+_PURE = LOGICAL | FURTHER | {Op.CONST, Op.SIGN, Op.SIN, Op.COS, Op.ATAN, Op.EXP, Op.EXPM1, Op.TANH}
 
 
 def hoist(step: Program, prepare: Program, declared: Iterable[str] = ()) -> tuple[Program, Program]:

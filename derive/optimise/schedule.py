@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.program import Op, Program
+from pfaffian.derive.program import FURTHER, Op, Program
 
-_CALLS = frozenset({Op.SIN, Op.COS, Op.ATAN, Op.SQRT, Op.TANH, Op.EXP, Op.EXPM1})
+_CALLS = frozenset({Op.SIN, Op.COS, Op.ATAN, Op.SQRT, Op.TANH, Op.EXP, Op.EXPM1} | FURTHER)
 
 
 def call_early(program: Program) -> Program:

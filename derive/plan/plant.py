@@ -15,6 +15,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.numeric import function_of, safe_symbols
 from pfaffian.derive.spec import symbol_of
 
 Array = NDArray[np.float64]
@@ -103,12 +104,15 @@ def _block_function(derivation: Derivation, known: Mapping[sp.Symbol, float]) ->
     spec, block = derivation.spec, derivation.block("acceleration")
     torques = [sp.Symbol(a.name, real=True) for a in spec.actuators]
     used = [s for s, i in zip(block.symbols, block.inputs, strict=True) if i.group == "parameter"]
+    arguments = [*spec.positions, *spec.velocities, *torques, *used]
+    named = safe_symbols([*arguments, *(d.symbol for d in block.definitions)])
+    steps = [(d.symbol.xreplace(named), d.expression.xreplace(named)) for d in block.definitions]
+    results = [r.xreplace(named) for r in block.results]
     raw = sp.lambdify(
-        [*spec.positions, *spec.velocities, *torques, *used],
-        list(block.results),
+        [a.xreplace(named) for a in arguments],
+        results,
         modules=[_OWN, "math"],
-        dummify=True,  # an argument may be called as a function is
-        cse=lambda _: ([(d.symbol, d.expression) for d in block.definitions], list(block.results)),
+        cse=lambda _: (steps, results),
     )
     bound = [known[s] for s in used]
     return lambda *at: raw(*at, *bound)
@@ -120,7 +124,7 @@ def _function(
     """Return a function of the arguments; the parameters are bound by name, not written in."""
     used = sorted(set().union(*(v.free_symbols for v in values)) - set(arguments), key=str)
     bound = [known[s] for s in used]
-    raw = sp.lambdify([*arguments, *used], values, modules=[_OWN, "math"], dummify=True, cse=True)
+    raw = function_of([*arguments, *used], values, [_OWN, "math"], cse=True)
     return lambda *at: raw(*at, *bound)
 
 

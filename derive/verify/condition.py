@@ -17,6 +17,7 @@ import numpy as np
 import sympy as sp
 from pfaffian.derive.block import Block
 from pfaffian.derive.functions import side
+from pfaffian.derive.numeric import function_of
 from sympy.core.relational import Relational
 
 Array = np.ndarray[Any, Any]
@@ -150,6 +151,6 @@ def _step(symbol: sp.Symbol, expression: sp.Basic, sign: Any = sp.sign) -> _Step
     return _Step(
         symbol.name,
         tuple(s.name for s in needs),
-        sp.lambdify(needs, expression, modules=NUMPY, dummify=True),
-        tuple(sp.lambdify(needs, slope, modules=NUMPY, dummify=True) for slope in slopes),
+        function_of(needs, expression, NUMPY),
+        tuple(function_of(needs, slope, NUMPY) for slope in slopes),
     )

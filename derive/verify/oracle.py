@@ -13,6 +13,7 @@ import gmpy2
 import numpy as np
 import sympy as sp
 from pfaffian.derive.block import Block
+from pfaffian.derive.numeric import function_of
 from sympy.core.relational import Relational
 
 #: 200 bits are 60 decimal digits; 50 are promised, ten are for the oracle's own rounding.
@@ -28,6 +29,22 @@ _FUNCTIONS: dict[str, Any] = {
     "tanh": gmpy2.tanh,
     "exp": gmpy2.exp,
     "expm1": gmpy2.expm1,
+    "log": gmpy2.log,
+    "tan": gmpy2.tan,
+    "cot": gmpy2.cot,
+    "sec": gmpy2.sec,
+    "csc": gmpy2.csc,
+    "asin": gmpy2.asin,
+    "acos": gmpy2.acos,
+    "acot": lambda x: gmpy2.atan(1 / x),
+    "atan2": gmpy2.atan2,
+    "sinh": gmpy2.sinh,
+    "cosh": gmpy2.cosh,
+    "coth": gmpy2.coth,
+    "sech": gmpy2.sech,
+    "csch": gmpy2.csch,
+    "Heaviside": lambda x, at_zero=0.5: 0 if x < 0 else 1 if x > 0 else at_zero,
+    "DiracDelta": lambda *_: 0,
     "sqrt": gmpy2.sqrt,
     "sign": gmpy2.sign,
     "side": lambda x: -1 if x < 0 else 1,
@@ -110,7 +127,7 @@ def _compiled(
     symbol: sp.Symbol | None, expression: sp.Basic, namespace: Mapping[str, Any]
 ) -> _Compiled:
     needs = sorted(expression.free_symbols, key=lambda s: s.name)
-    function = sp.lambdify(needs, expression, modules=[dict(namespace), "mpmath"], dummify=True)
+    function = function_of(needs, expression, [dict(namespace), "mpmath"])
     return (symbol.name if symbol else "", function, tuple(s.name for s in needs))
 
 

@@ -12,7 +12,9 @@ from pfaffian.derive.block import Block
 from pfaffian.derive.elementary import SINCOS_MAX
 from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.numeric import function_of
 from pfaffian.derive.program import Signal, evaluate
+from pfaffian.derive.verify.span import NamedValues, has_domains
 from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 
 Array = np.ndarray[Any, Any]
@@ -48,15 +50,19 @@ def draw(
 
     A sample is redrawn, where it was drawn, until the mass matrix is positive definite there, the
     precision `holds` what follows from it, and `block` takes no sine of an angle beyond
-    `SINCOS_MAX`, as of a fast reference after a long time.
+    `SINCOS_MAX`, as of a fast reference after a long time, and no root or logarithm of a negative
+    number: there the formulas say nothing.
     """
     angles = _angles(block) if block else []
+    real = NamedValues(block).are_real if block and has_domains(block) else None
     near = rng.random(count) < 0.5
     values = _rounded(model, _mixed(model, inputs, sets, near, rng), unit)
     beyond, beyond_near, open_ = 0, 0, np.arange(count)
     for _ in range(200):
         now = {n: v[open_] for n, v in values.items()}
         physical = _is_physical(model, now) & _is_in_range(angles, now)
+        if real:
+            physical &= real(now)
         held = holds(now) if holds else np.ones(len(open_), bool)
         beyond += int((physical & ~held).sum())
         beyond_near += int((physical & ~held & near[open_]).sum())
@@ -160,9 +166,7 @@ def _angles(block: Block) -> list[tuple[tuple[str, ...], Callable[..., Any]]]:
     for angle in taken:
         needs = sorted(angle.free_symbols, key=lambda s: s.name)
         if set(needs) <= set(block.symbols):
-            rows.append(
-                (tuple(s.name for s in needs), sp.lambdify(needs, angle, "numpy", dummify=True))
-            )
+            rows.append((tuple(s.name for s in needs), function_of(needs, angle, "numpy")))
     return rows
 
 

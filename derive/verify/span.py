@@ -13,6 +13,7 @@ import sympy as sp
 from pfaffian.derive.block import Block
 from pfaffian.derive.emit.precision import STAND_INS
 from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.numeric import function_of
 from pfaffian.derive.program import Op, Program
 from pfaffian.derive.verify.condition import NUMPY
 
@@ -38,6 +39,11 @@ _EVALUATE: dict[Op, Callable[..., Any]] = {
     Op.EXP: np.exp,
     Op.EXPM1: np.expm1,
     Op.TANH: np.tanh,
+    Op.LOG: np.log,
+    Op.ASIN: np.arcsin,
+    Op.ACOS: np.arccos,
+    Op.SINH: np.sinh,
+    Op.COSH: np.cosh,
     Op.LESS: np.less,
     Op.LESS_EQUAL: np.less_equal,
     Op.EQUAL: np.equal,
@@ -46,6 +52,8 @@ _EVALUATE: dict[Op, Callable[..., Any]] = {
     Op.OR: np.logical_or,
     Op.SELECT: np.where,
 }
+#: Functions of real numbers that are not real everywhere; powers where the exponent is none.
+_WITH_DOMAINS = (sp.Pow, sp.log, sp.asin, sp.acos)
 
 
 class NamedValues:
@@ -61,8 +69,13 @@ class NamedValues:
         for d in block.definitions:
             expression = d.expression.xreplace(swapped)
             needs = sorted(expression.free_symbols, key=lambda s: s.name)
-            function = sp.lambdify(needs, expression, modules=NUMPY, dummify=True)
+            function = function_of(needs, expression, NUMPY)
             self._steps.append((d.symbol.name, [s.name for s in needs], function))
+
+    def are_real(self, inputs: Mapping[str, Array]) -> Array:
+        """Return the samples of `inputs` where every named value is a number, shape (N,)."""
+        strange: Array = np.isnan(np.stack([*self(inputs).values()])).any(axis=0)
+        return ~strange
 
     def __call__(self, inputs: Mapping[str, Array]) -> dict[str, Array]:
         """Return each named value at `inputs` by name, inputs included, float64 of shape (N,)."""
@@ -72,6 +85,12 @@ class NamedValues:
                 known[name] = function(*(known[n] for n in needs))
         count = len(next(iter(inputs.values())))
         return {n: np.broadcast_to(np.asarray(v, float), (count,)) for n, v in known.items()}
+
+
+def has_domains(block: Block) -> bool:
+    """Return whether a definition takes a root, a logarithm or an arcsine of what may vary."""
+    parts = set().union(*(d.expression.atoms(*_WITH_DOMAINS) for d in block.definitions))
+    return any(p.free_symbols and not (p.is_Pow and p.exp.is_Integer) for p in parts)
 
 
 def values_of(model: LoweredModel, function: str, inputs: Mapping[str, Array]) -> list[Array]:

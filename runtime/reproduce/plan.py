@@ -108,7 +108,10 @@ def choice_tasks(folder: GeneratedFolder, section: str) -> dict[str, Task]:
         cases.append(lasting(case, LONGER))
         if section != "5.1":
             cases += [changed(case, f"ahat-{a:g}", bound_initial=a) for a in OTHER_ESTIMATES]
-    return {c.name: replace(main_task(c), record=1e-3) for c in cases}
+    tasks = {c.name: replace(main_task(c), record=1e-3) for c in cases}
+    # At rest to the last digit the finest tolerance costs seconds and shows nothing.
+    long = {n: t for n, t in tasks.items() if t.case.duration == LONGER}
+    return tasks | {n: replace(t, relative=1e-7, absolute=1e-9) for n, t in long.items()}
 
 
 def softened_tasks(folder: GeneratedFolder, section: str) -> dict[str, Task]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ AREAS = (
     *("derivation", "law", "lowering", "optimiser", "emission", "verify", "certificate", "design"),
     *("sets", "controller", "twin", "plan", "reproduction", "runtime", "command-line"),
 )
-_KEYS = {"what", "file", "find", "replace", "tests", "regenerate", "equivalent", "quick"}
+_KEYS = {"what", "file", "find", "replace", "tests", "regenerate", "equivalent", "quick", "also"}
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,8 @@ class Fault:
     `what` says what is wrong with it planted; `find` stands exactly once in `file` and becomes
     `replace`; `tests` (FILE::TEST below tests/) must fail then. The models of `regenerate` are
     generated anew first: a drift check alone is no proof. `equivalent` explains a fault that
-    changes nothing a test could see. `quick` ones may run in the short form.
+    changes nothing a test could see. `quick` ones may run in the short form. `also` are further
+    edits (file, find, replace), where one mistake stands in two places.
     """
 
     area: str
@@ -40,6 +41,12 @@ class Fault:
     regenerate: tuple[str, ...] = ()
     equivalent: str = ""
     quick: bool = False
+    also: tuple[tuple[str, str, str], ...] = ()
+
+    @property
+    def edits(self) -> tuple[tuple[str, str, str], ...]:
+        """Return every edit as (file, find, replace)."""
+        return ((self.file, self.find, self.replace), *self.also)
 
     def digest(self) -> str:
         """Return what tells this fault from any other, and from its former wording."""
@@ -73,17 +80,19 @@ def _fault(area: str, row: dict[str, Any]) -> Fault:
     if not row["tests"] or row["find"] == row["replace"]:
         raise ValueError(f"{about}: no test, or no fault")
     lists = {k: tuple(row[k]) for k in ("tests", "regenerate") if k in row}
-    return Fault(area, **{**row, **lists})
+    also = tuple((e["file"], e["find"], e["replace"]) for e in row.get("also", ()))
+    return Fault(area, **{**row, **lists, "also": also})
 
 
 def problem(fault: Fault, root: Path = ROOT) -> str:
     """Return why `fault` cannot be planted in the tree at `root`, or nothing."""
-    path = root / fault.file
-    if not path.is_file():
-        return f"{fault.area}: {fault.what}: there is no {fault.file}"
-    count = path.read_text(encoding="utf-8").count(fault.find)
-    if count != 1:
-        return f"{fault.area}: {fault.what}: its text stands {count} times in {fault.file}"
+    for file, find, _ in fault.edits:
+        path = root / file
+        if not path.is_file():
+            return f"{fault.area}: {fault.what}: there is no {file}"
+        count = path.read_text(encoding="utf-8").count(find)
+        if count != 1:
+            return f"{fault.area}: {fault.what}: its text stands {count} times in {file}"
     for test in fault.tests:
         name, _, function = test.partition("::")
         path = root / "tests" / name
@@ -93,20 +102,27 @@ def problem(fault: Fault, root: Path = ROOT) -> str:
     return ""
 
 
-def plant(fault: Fault, root: Path, moment: int) -> bytes:
-    """Plant `fault` in the tree at `root`; return the file's former bytes.
+def plant(fault: Fault, root: Path, moment: int) -> list[Callable[[], None]]:
+    """Plant `fault` in the tree at `root`; return what takes each edit out again, the last first.
 
-    `moment` (seconds) becomes the file's time: it must be another one for each planting, for
+    `moment` (seconds) becomes the files' time: it must be another one for each planting, for
     compiled modules and Makefiles go by it.
     """
-    path = root / fault.file
-    former = path.read_bytes()
-    text = former.decode("utf-8")
-    if text.count(fault.find) != 1:
-        raise ValueError(problem(fault, root))
-    path.write_bytes(text.replace(fault.find, fault.replace).encode("utf-8"))
+    if found := problem(fault, root):
+        raise ValueError(found)
+    return [_edited(root / f, old, new, moment) for f, old, new in fault.edits][::-1]
+
+
+def _edited(path: Path, old: str, new: str, moment: int) -> Callable[[], None]:
+    former, times = path.read_bytes(), path.stat()
+
+    def restore() -> None:
+        path.write_bytes(former)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+    path.write_bytes(former.decode("utf-8").replace(old, new).encode("utf-8"))
     os.utime(path, (moment, moment))
-    return former
+    return restore
 
 
 def tree_digest(files: Iterable[Path], root: Path) -> str:

@@ -73,19 +73,17 @@ class Laboratory:
 
     def judge(self, fault: Fault, moment: int) -> Verdict:
         """Plant `fault`, generate what it says, run its tests, take it out again."""
-        path = self.root / fault.file
-        times = path.stat()
         kept = {m: self.folder / f"kept-{m}" for m in fault.regenerate}
         for model, copy in kept.items():
             shutil.copytree(self.root / "generated" / model, copy)
-        former = plant(fault, self.root, moment)
+        restore = plant(fault, self.root, moment)
         cache = self.folder / "cache"
         shutil.copytree(self.warm, cache, copy_function=os.link)
         try:
             outcome, note = self._outcome(fault, cache)
         finally:
-            path.write_bytes(former)
-            os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+            for one in restore:
+                one()
             shutil.rmtree(cache, ignore_errors=True)
             for model, copy in kept.items():
                 shutil.rmtree(self.root / "generated" / model)
