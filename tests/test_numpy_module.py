@@ -362,7 +362,7 @@ def test_constants_are_the_parameter_sets_of_the_manifest():
 
 
 def test_status_codes_are_those_of_the_manifest():
-    assert [getattr(MODULE, n) for n in FOLDER.manifest.status] == list(range(6))
+    assert [getattr(MODULE, n) for n in FOLDER.manifest.status] == list(range(8))
 
 
 def test_sampled_flight_stays_with_the_c_code(host):
