@@ -732,8 +732,6 @@ static uint32_t take_parameters(pendubot_control_state_t *state,
     const pendubot_control_params_t *params)
 {
     const uint32_t seen = pendubot_control_checksum(params);
-    const uint32_t fixed = fixed_checksum(params);
-    const pf_mode_t mode = pf_supervisor_mode(&state->supervisor);
 
     if (seen != params->checksum) {
         return PF_CHECK_PARAMETER_CHECKSUM;
@@ -742,6 +740,9 @@ static uint32_t take_parameters(pendubot_control_state_t *state,
         return (state->ready == WRONG) ? PF_CHECK_ARITHMETIC : PF_CHECK_PARAMETER_BOUNDS;
     }
     if (seen != state->checksum) {
+        const uint32_t fixed = fixed_checksum(params);
+        const pf_mode_t mode = pf_supervisor_mode(&state->supervisor);
+
         if (!parameters_are_valid(params)) {
             return PF_CHECK_PARAMETER_BOUNDS; /* until another block is sealed */
         }
