@@ -71,7 +71,7 @@ def audit(
     form: Annotated[str, typer.Option("--format", help="text or latex.")] = "text",
     json: Json = False,
 ) -> None:
-    """Check every numbered equation of the model's source: proved, differs or not checkable."""
+    """Check every numbered equation of the source: proved, repaired, differs or not checkable."""
     from pfaffian.cli.audit import show_audit
 
     show_audit(model, form, json)

@@ -121,7 +121,7 @@ def test_a_whole_section_is_judged_and_a_second_run_comes_from_the_cache(
     written = (tmp_path / "one" / "claims.md").read_text(encoding="utf-8")
     assert len(document["claims"]) == len(judged(written))
     assert judged(written) <= judged(documented)
-    for name in ("convergence-5.2", "variants-5.2", "theorem-5.2", "measures-5.2"):
+    for name in ("convergence-5.2", "variants-5.2", "theorem-5.2", "measures-5.2", "choices-5.2"):
         assert f'id="{name}"' in page
     again = run("reproduce", "section-5.2", "-o", tmp_path / "two", "--json")
     assert again.err == ""
