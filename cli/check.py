@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import CheckError
+from pfaffian.runtime.errors import CheckError, InputError
 
 if TYPE_CHECKING:
     from pfaffian.derive.verify.compare import Subject
+    from pfaffian.runtime.generated_model import GeneratedFolder
 
 _TARGET_SAMPLES = 20_000
+_NEAR = ("worst_scaled_ulp_near_sets", "worst_input_scaled_ulp_near_sets")
 
 
 def verify_generated(
-    reference: str, samples: int, target_samples: int | None, generated: Path | None, as_json: bool
+    reference: str,
+    samples: int,
+    target_samples: int | None,
+    generated: Path | None,
+    as_json: bool,
+    set_names: Sequence[str] = (),
 ) -> None:
     """Verify a model's generated code and print what was found."""
-    document = verification(reference, samples, target_samples, generated)
+    document = verification(reference, samples, target_samples, generated, set_names)
     failure = (
         f"{reference}: worst scaled error {document['worst_scaled_ulp']:.3g} ulp, "
         f"{document['target_mismatches']} samples with other bits on the target"
@@ -34,11 +41,19 @@ def verify_generated(
 
 
 def verification(
-    reference: str, samples: int, target_samples: int | None, generated: Path | None
+    reference: str,
+    samples: int,
+    target_samples: int | None,
+    generated: Path | None,
+    set_names: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Return the document of one verification. Raises where code and source do not belong."""
+    """Return the document of one verification. Raises where code and source do not belong.
+
+    Half of the samples are drawn around the sets of `set_names`, or all complete ones of the model;
+    around the one that is folded into the code where that is so.
+    """
     from pfaffian.derive.library import find_model
-    from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+    from pfaffian.derive.pipeline import complete_sets, derivation_of, lowered_model
     from pfaffian.derive.verify.compare import FOLLOWING, FUNCTIONS, verify
     from pfaffian.derive.verify.unit import SINGLE_UNIT, UNITS
     from pfaffian.runtime.generated_model import (
@@ -52,13 +67,17 @@ def verification(
     source = find_model(reference)
     output.note(f"deriving {source.name}, building the host and PowerPC images")
     model, derivation = lowered_model(source), derivation_of(source)
-    code = open_generated(str(generated or source.name))
+    code = open_generated(str(generated or reference))
     if code.manifest.model_sha256 != model.sha256:
         raise CheckError(
             f"{code.path}: generated from another {source.name} than the one derived now",
             remedy=f"regenerate it: pfaffian generate {reference} -o {code.path}",
         )
-    sets = [s.as_dict() for s in library_sets(model, source)]
+    baked = _baked_set(code, set_names)
+    found_sets = None if baked else complete_sets(model, source, set_names)
+    for line in found_sets.notes(reference) if found_sets else ():
+        output.note(line)
+    sets = [s.as_dict() for s in found_sets.sets] if found_sets else [dict(baked or {})]
     unit = UNITS[code.manifest.precision]
     subjects: list[Subject] = [MachineSubject(host_model(code), "c-host")]
     witness = None
@@ -81,8 +100,25 @@ def verification(
             unit,
             witness,
             (*FUNCTIONS, *(FOLLOWING if code.manifest.plans else ())),
+            baked,
         )
-    return found.as_json()
+    return {
+        **found.as_json(),
+        "sets": [s.name for s in found_sets.sets] if found_sets else [code.manifest.baked],
+        "sets_left_out": dict(found_sets.left_out) if found_sets else {},
+    }
+
+
+def _baked_set(code: GeneratedFolder, set_names: Sequence[str]) -> Mapping[str, float] | None:
+    """Return the set that is folded into `code`, if one is; refuse to draw around others."""
+    name = code.manifest.baked
+    others = sorted(set(set_names) - {name})
+    if name and others:
+        raise InputError(
+            f"{code.path}: set {name} is folded into this code, which takes no other",
+            remedy=f"leave --set {others[0]} out",
+        )
+    return code.manifest.parameter_sets[name] if name else None
 
 
 def print_verification(document: Mapping[str, Any]) -> None:
@@ -94,7 +130,7 @@ def print_verification(document: Mapping[str, Any]) -> None:
             f["samples"],
             output.figure(f["worst_scaled_ulp"]),
             f["output"],
-            output.figure(f["worst_input_scaled_ulp_near_sets"]),
+            *(output.figure(f[key]) if document["sets"] else "-" for key in _NEAR),
             output.figure(f["worst_input_scaled_ulp"]),
         )
         for f in document["functions"]
@@ -107,6 +143,7 @@ def print_verification(document: Mapping[str, Any]) -> None:
             "samples",
             "scaled ulp",
             "at output",
+            "near the sets",
             "by inputs alone, near the sets",
             "everywhere",
         ),

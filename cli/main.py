@@ -206,13 +206,17 @@ def verify(
             min=0, max=MOST_SAMPLES, help="How many also run on the target [up to 20000]."
         ),
     ] = None,
+    set_names: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Draw around this set; give several, each with --set."),
+    ] = None,
     generated: Generated = None,
     json: Json = False,
 ) -> None:
     """Check generated Python, host C and PowerPC C against the symbolic source at 60 digits."""
     from pfaffian.cli.check import verify_generated
 
-    verify_generated(model, samples, target_samples, generated, json)
+    verify_generated(model, samples, target_samples, generated, json, tuple(set_names or ()))
 
 
 @app.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -58,9 +59,9 @@ def generate_files(
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import (
         StageClock,
+        complete_sets,
         jacobian_programs,
         library_controls,
-        library_sets,
         lowered_model,
         parameter_set,
         plan_tables,
@@ -81,13 +82,17 @@ def generate_files(
     model = lowered_model(source, clock)
     since = time.perf_counter()
     sets: tuple[ParameterSet, ...]
+    left_out: Mapping[str, str] = {}
     if params:
         sets = (parameter_set(model, source, params),)
     elif set_name:
         sets = (parameter_set(model, source, source.set_path(set_name)),)
     else:
-        sets = library_sets(model, source)
-    if not sets:
+        found = complete_sets(model, source)
+        sets, left_out = found.sets, found.left_out
+        for line in found.notes(reference):
+            output.note(line)
+    if not sets and not left_out:
         raise InputError(
             f"model {source.name} has no parameter set",
             remedy=f"write one beside {source.spec_file}, or name a file with --params",
@@ -122,6 +127,7 @@ def generate_files(
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
+                "sets_left_out": dict(left_out),
                 "notes": [n for s in sets for n in s.notes],
                 "files": len(generation.files),
                 "changed": changed,
@@ -131,9 +137,10 @@ def generate_files(
         )
         return
     split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
+    names = ", ".join(s.name for s in sets) or "no complete set"
     output.say(
-        f"{model.name} ({', '.join(s.name for s in sets)}): {len(generation.files)} files in "
-        f"{target}, {len(changed)} changed ({split})",
+        f"{model.name} ({names}): {len(generation.files)} files in {target}, {len(changed)} "
+        f"changed ({split})",
     )
     counts = [p for p in model.passes if p.program == "step"]
     saved = ", ".join(f"{p.name} {p.after}" for p in counts)

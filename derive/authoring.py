@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import sympy as sp
+from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.dimensions import check_unit, unit_product
+from pfaffian.derive.exact_numbers import exact_expression
 from pfaffian.derive.law_parameters import (
     SwingUpGains,
     friction_force,
@@ -106,14 +109,15 @@ class ModelBuilder:
         rate, stands on the left-hand side of (1). With friction of its own a plant does not get
         the standard load, viscous and Coulomb friction on each coordinate.
         """
-        rate, rates = sp.sympify(along), [c.velocity for c in self._coordinates]
+        rate, rates = self._exact(along, "friction"), [c.velocity for c in self._coordinates]
         if any(rate.diff(v).has(*rates) for v in rates) or rate.subs(dict.fromkeys(rates, 0)) != 0:
             raise InputError(
                 f"model {self._name}: friction along {rate}, which is not linear in the velocities",
                 remedy="give q' of a joint, or a difference of two; put the law into the force",
             )
-        check_supported(sp.sympify(force), f"model {self._name}: the friction along {rate}")
-        self._own_friction.append((rate, sp.sympify(force)))
+        given = self._exact(force, "friction")
+        check_supported(given, f"model {self._name}: the friction along {rate}")
+        self._own_friction.append((rate, given))
 
     def setpoint(self, coordinate: sp.Symbol) -> sp.Symbol:
         """Return the symbol of the setpoint of a declared coordinate, for constraints of one's own.
@@ -195,7 +199,7 @@ class ModelBuilder:
         check_unit(unit, f"model {self._name}: the servo-constraint {name}")
 
     def _expression(self, name: str, value: sp.Expr) -> sp.Expr:
-        found = sp.sympify(value)
+        found = self._exact(value, f"servo-constraint {name}", about_constraint(name))
         if not isinstance(found, sp.Expr):
             raise InputError(
                 f"model {self._name}: the servo-constraint {name} is {value!r}, no SymPy "
@@ -204,6 +208,11 @@ class ModelBuilder:
             )
         check_supported(found, f"model {self._name}: the servo-constraint {name}")
         return found
+
+    def _exact(self, value: Any, what: str, about: str = "") -> Any:
+        """Return `value` in SymPy, its floats as the exact numbers they stand for."""
+        where = f"model {self._name}: the {what}"
+        return exact_expression(sp.sympify(value), where, about or what)
 
     def _add(self, made: _Residual) -> None:
         self._check_unit(made.name, made.unit)

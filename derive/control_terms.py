@@ -13,8 +13,9 @@ import sympy as sp
 from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.constraint import Constraint
 from pfaffian.derive.dimensions import force_unit, unit_product
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.linear_solve import SMALL, MassSolver
+from pfaffian.derive.linear_solve import SMALL, MassSolver, determinant
 from pfaffian.derive.residuals import time_derivative
 from pfaffian.derive.spec import TIME, ModelSpec, symbol_of
 
@@ -109,6 +110,27 @@ def _angle_name(builder: BlockBuilder, angle: sp.Expr) -> str:
     return builder.unused("angle", angle)
 
 
+def define_terms(builder: BlockBuilder, total: sp.Add) -> sp.Expr:
+    """Define the terms of a sum that are products, and first the sums these contain."""
+
+    def named(value: sp.Expr) -> sp.Expr:
+        if not value.args or value.is_number:
+            return value
+        value = value.func(*(named(a) for a in value.args))
+        return _term(builder, value) if value.is_Add else value
+
+    terms = (term.func(*(named(a) for a in term.args)) for term in total.args if term.args)
+    plain = (term for term in total.args if not term.args)
+    return sp.Add(*plain, *(_term(builder, t) if t.is_Mul else t for t in terms))
+
+
+def _term(builder: BlockBuilder, value: sp.Expr) -> sp.Expr:
+    """Define `value` up to its sign, so that a term and its negative are one name."""
+    if value.could_extract_minus_sign():
+        return -_term(builder, -value)
+    return builder.define(builder.unused("part", value), value, "")
+
+
 def define_dynamics(
     builder: BlockBuilder, spec: ModelSpec, dynamics: Dynamics
 ) -> tuple[sp.Matrix, MassSolver, sp.Matrix]:
@@ -116,7 +138,9 @@ def define_dynamics(
     n = len(spec.coordinates)
     units = [c.unit for c in spec.coordinates]
     raw = dynamics.coriolis_force + dynamics.gravity
-    named = define_trigonometry(builder, [*dynamics.mass_matrix, *raw])
+    entries = dynamics.mass_matrix.applyfunc(lambda entry: grouped(entry, spec.positions))
+    det = grouped(determinant(dynamics), spec.positions) if n <= SMALL else sp.S.One
+    named = define_trigonometry(builder, [*entries, *raw, det])
     mass = sp.zeros(n, n)
     for i in range(n):
         for j in range(i, n):
@@ -124,7 +148,7 @@ def define_dynamics(
                 continue  # a zero stays one, and the factorisation makes use of it
             mass[i, j] = mass[j, i] = builder.define(
                 f"m{i + 1}{j + 1}",
-                dynamics.mass_matrix[i, j].xreplace(named),
+                entries[i, j].xreplace(named),
                 "mass matrix, (1)",
                 unit_product(("J*s^2", 1), (units[i], -1), (units[j], -1)),
             )
@@ -134,7 +158,7 @@ def define_dynamics(
         )
         for i in range(n)
     ]
-    return mass, MassSolver(builder, mass, dynamics, named), sp.Matrix(names)
+    return mass, MassSolver(builder, mass, det.xreplace(named)), sp.Matrix(names)
 
 
 def define_shared(
@@ -162,7 +186,8 @@ def define_shared(
     named |= dict(zip(spec.constraint.errors, errors, strict=True))
     s, drift = _define_residuals(builder, spec, constraint, named)
     _, solver, bias = define_dynamics(builder, spec, dynamics)
-    ad = _define_constraint_rows(builder, spec, solver, constraint.jacobian.xreplace(named))
+    jacobian = _define_jacobian(builder, spec, constraint.jacobian.xreplace(named))
+    ad = _define_constraint_rows(builder, spec, solver, jacobian)
     adb, adb_det = _define_input_gain(builder, dynamics, ad, units)
     demand = []
     for r, (b, d) in enumerate(
@@ -184,6 +209,32 @@ def define_shared(
     return Shared(s, drift, tuple(demand), adb, adb_det, regressor)
 
 
+def _define_jacobian(builder: BlockBuilder, spec: ModelSpec, jacobian: sp.Matrix) -> sp.Matrix:
+    """Define the entries of A (m, n) that are sums.
+
+    Each is used in every entry of A D: rounded once, it is the same in all of them. Of several
+    constraints the terms of these sums are named too: det ADB may not depend at all on what they
+    share, as on the direction of the axes, but their rounding is each one's own.
+    """
+    units, m = LawUnits(spec), jacobian.rows
+
+    def entry(r: int, i: int) -> sp.Expr:
+        value = jacobian[r, i]
+        if not value.is_Add:
+            return value
+        if m > 1:
+            value = define_terms(builder, value)
+        rate = f"{spec.coordinates[i].unit}/s"
+        return builder.define(
+            f"jacobian{i + 1}" if m == 1 else f"jacobian{r + 1}{i + 1}",
+            value,
+            "entry of A, (7)",
+            unit_product((units.residuals[r], 1), (rate, -1)),
+        )
+
+    return sp.Matrix(*jacobian.shape, entry)
+
+
 def _define_constraint_rows(
     builder: BlockBuilder, spec: ModelSpec, solver: MassSolver, jacobian: sp.Matrix
 ) -> sp.Matrix:
@@ -197,6 +248,7 @@ def _define_constraint_rows(
                 "ad" if m == 1 else f"ad{r + 1}",
                 "entry of A D, D = M^-1",
                 [unit_product((units.residuals[r], 1), ("s", -1), (f, -1)) for f in forces],
+                of_several=m > 1,
             )
             for r in range(m)
         ]

@@ -16,8 +16,10 @@ from pfaffian.derive.control_terms import (
     take_parameters,
 )
 from pfaffian.derive.cyclic import cyclic_blocks
+from pfaffian.derive.definiteness import MASS_MATRIX
 from pfaffian.derive.dimensions import dimension_of, force_unit
 from pfaffian.derive.following_law import following_law
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
@@ -195,11 +197,12 @@ def _energy(spec: ModelSpec, dynamics: Dynamics) -> Block:
     builder = BlockBuilder("energy", f"{spec.title}: total energy", spec.own)
     take_measurement(builder, spec)
     take_parameters(builder, spec, "lumped", "plant")
-    mass, _, _ = define_dynamics(builder, spec, dynamics)
-    rates = sp.Matrix(spec.velocities)
-    kinetic = builder.define("kinetic", (rates.T * mass * rates)[0] / 2, "q'^T M q'/2", "J")
-    named = define_trigonometry(builder, [dynamics.potential_energy])
-    potential = builder.define("potential", dynamics.potential_energy.xreplace(named), "V", "J")
+    forms = (dynamics.kinetic_form, dynamics.potential_form)
+    named = define_trigonometry(builder, forms)
+    kinetic, potential = (
+        builder.define(name, form.xreplace(named), text, "J")
+        for name, form, text in zip(("kinetic", "potential"), forms, ("T", "V"), strict=True)
+    )
     builder.give("energy", kinetic + potential, "J", "T + V")
     return builder.build()
 
@@ -230,6 +233,7 @@ def _design_blocks(
             _lumping(spec),
             _setpoint(spec),
             _minors(spec, dynamics),
+            _mass_matrix(spec, dynamics),
             _rest_force(spec, dynamics),
             _rest_constraint(spec, constraint),
             _rest_reference(spec),
@@ -276,6 +280,18 @@ def _minors(spec: ModelSpec, dynamics: Dynamics) -> Block:
     define_factors(builder, dynamics.mass_matrix.xreplace(named))
     for k in range(1, n + 1):
         builder.give(f"pivot{k}", spec.own_symbol(f"pivot{k}"), "", f"pivot of row {k}")
+    return builder.build()
+
+
+def _mass_matrix(spec: ModelSpec, dynamics: Dynamics) -> Block:
+    """Give the upper triangle of M, row by row: what is judged where its minors vanish."""
+    builder = BlockBuilder(MASS_MATRIX, f"{spec.title}: M")
+    take_measurement(builder, spec)
+    take_parameters(builder, spec, "lumped", "plant")
+    n, mass = len(spec.coordinates), dynamics.mass_matrix
+    for i, j in ((r, c) for r in range(n) for c in range(r, n)):
+        value = grouped(mass[i, j], spec.positions)
+        builder.give(f"m_{i + 1}_{j + 1}", value, "", f"M, row {i + 1}, column {j + 1}")
     return builder.build()
 
 

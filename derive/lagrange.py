@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
+from pfaffian.derive.forms import grouped
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec
@@ -17,7 +18,8 @@ from pfaffian.runtime.errors import InputError
 class Dynamics:
     """The matrices of (1): M (n, n), C (n, n), G (n, 1), B (n, m), F (n, 1), and T, V.
 
-    `coriolis_force` is C q' (n, 1), which is all that a control law needs of C.
+    `coriolis_force` is C q' (n, 1), which is all that a control law needs of C. T and V are
+    expanded; `kinetic_form` and `potential_form` are the same in the form that is computed.
     """
 
     mass_matrix: sp.Matrix
@@ -28,6 +30,8 @@ class Dynamics:
     uncertain_force: sp.Matrix
     kinetic_energy: sp.Expr
     potential_energy: sp.Expr
+    kinetic_form: sp.Expr
+    potential_form: sp.Expr
 
 
 def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
@@ -41,7 +45,14 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     potential = _lumped(trigonometric_sum(spec.potential_energy), spec, "potential energy")
     mass = mass_matrix(kinetic, spec.velocities, f"model {spec.name}")
     check_mass_matrix(spec, mass)
-    gravity = sp.Matrix([potential]).jacobian(q).T
+    gravity = sp.Matrix([potential]).jacobian(q).T.applyfunc(lambda g: grouped(g, spec.positions))
+    forms = [
+        grouped(expanded if spec.lumping else written, (*spec.positions, *spec.velocities))
+        for expanded, written in (
+            (kinetic, spec.kinetic_energy),
+            (potential, spec.potential_energy),
+        )
+    ]
     coriolis = christoffel_matrix(mass, q, dq)
     force = (
         (coriolis * dq).applyfunc(sp.factor)
@@ -57,6 +68,8 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
         uncertain_force=Matrix(spec.uncertain_force),
         kinetic_energy=kinetic,
         potential_energy=potential,
+        kinetic_form=forms[0],
+        potential_form=forms[1],
     )
 
 

@@ -60,6 +60,7 @@ class ModelFolder:
         user's folder, and could be older than the text. Raises `InputError` naming the line of
         the user's file that raised.
         """
+        from pfaffian.derive.exact_numbers import exact_spec
         from pfaffian.derive.spec import ModelSpec
         from pfaffian.derive.spec_check import check_spec
 
@@ -85,8 +86,9 @@ class ModelFolder:
         if not isinstance(spec, ModelSpec):
             raise InputError(f"{self.spec_file}: model() returned {shown(spec)}", remedy=remedy)
         _check_shapes(spec, self.spec_file)
-        check_spec(spec)
-        return spec
+        exact = exact_spec(spec)
+        check_spec(exact)
+        return exact
 
     @contextmanager
     def blamed(self) -> Iterator[None]:

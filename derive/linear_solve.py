@@ -6,7 +6,7 @@ factorisation M = L^T D L: it is shorter, and its values are the ones that have 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -76,40 +76,56 @@ def define_solution(
     return tuple(found)
 
 
+def determinant(dynamics: Dynamics) -> sp.Expr:
+    """Return det M, expanded in the parameters.
+
+    The products of the entries would cancel most of each other's digits.
+    """
+    return sp.expand(dynamics.mass_matrix.det())
+
+
 class MassSolver:
     """Solves with M in one block: by the adjugate up to `SMALL` coordinates, else by factors.
 
     What it needs besides M, the determinant or the factors, is defined when it is first used.
     """
 
-    def __init__(
-        self,
-        builder: BlockBuilder,
-        mass: sp.Matrix,
-        dynamics: Dynamics,
-        named: Mapping[sp.Basic, sp.Symbol],
-    ) -> None:
-        """Take M in the names defined, and the same matrix as `dynamics` has it."""
-        self._builder, self._mass, self._dynamics, self._named = builder, mass, dynamics, named
+    def __init__(self, builder: BlockBuilder, mass: sp.Matrix, determinant: sp.Expr) -> None:
+        """Take M, and up to `SMALL` coordinates det M, in the names defined."""
+        self._builder, self._mass, self._determinant = builder, mass, determinant
 
     @cached_property
     def determinant(self) -> sp.Symbol:
-        """Define det M, expanded in the parameters.
-
-        The products of the entries would cancel most of each other's digits.
-        """
-        expanded = sp.expand(self._dynamics.mass_matrix.det()).xreplace(self._named)
-        return self._builder.define("det_m", expanded, "determinant of the mass matrix")
+        """Define det M."""
+        return self._builder.define("det_m", self._determinant, "determinant of the mass matrix")
 
     @cached_property
     def _factors(self) -> Factors:
         return define_factors(self._builder, self._mass)
 
     def define_row(
-        self, row: sp.Matrix, base: str, text: str, units: Sequence[str]
+        self, row: sp.Matrix, base: str, text: str, units: Sequence[str], of_several: bool = False
     ) -> list[sp.Expr]:
-        """Define `row` D (n,) with D = M^-1, for a row (1, n)."""
-        return list(self._solved(row.T, base, text, units))
+        """Define `row` D (n,) with D = M^-1, for a row (1, n).
+
+        Of `of_several` rows the products are named as well: what rounding does to them differs from
+        row to row, and in the determinant of the rows that is all that is left of M's entries.
+        """
+        right = row.T
+        if of_several and self._mass.rows <= SMALL:
+            return self._defined_by_products(right, base, text, units)
+        return list(self._solved(right, base, text, units))
+
+    def _defined_by_products(
+        self, right: sp.Matrix, base: str, text: str, units: Sequence[str]
+    ) -> list[sp.Expr]:
+        adjugate, found = self._mass.adjugate(), []
+        for i in range(right.rows):
+            first, *others = [p for p in adjugate[i, :].multiply_elementwise(right.T) if p] or [0]
+            named = [self._builder.define(f"{base}{i + 1}_part", p, "") for p in others]
+            value = sp.Add(first, *named) / self.determinant
+            found.append(self._builder.define(f"{base}{i + 1}", value, text, units[i]))
+        return found
 
     def define_solution(
         self, right: sp.Matrix, base: str, text: str, units: Sequence[str]

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pfaffian.derive.definiteness import (
+    MASS_MATRIX,
+    Definiteness,
+    definiteness,
+    points_within_bounds,
+    worded,
+)
 from pfaffian.derive.equilibrium import solve_setpoint
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameters import POLES_KEY, RawSet
@@ -30,11 +36,13 @@ from pfaffian.runtime.errors import InputError
 
 #: Real poles proposed where a given set of gains is refused.
 PROPOSED_POLE = -6.0
-#: Points of the grid on which the mass matrix is judged, over all coordinates it depends on.
-_MOST_POINTS = 24**3
 #: Real part, beside the largest root, that rounding gives a root on the imaginary axis: the square
 #: root of the rounding of the coefficients, for a double one.
 _ON_THE_AXIS = 2.0**-24
+
+
+class IncompleteSetError(InputError):
+    """A parameter set that says nothing of something the model needs, as of its gains."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +56,7 @@ class ParameterSet:
     title: str
     source: str
     values: tuple[tuple[str, float], ...]
+    #: What is worth saying of a set that is accepted all the same.
     notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, float]:
@@ -73,9 +82,9 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
     values = defaults | dict(raw.values)
     _complete_plant(model, raw, values)
     _require(model, raw, values, ("plant", "gain", "target"))
-    _check_mass_matrix(model, raw, values)
     rest = solve_setpoint(model, raw, values)
     values |= rest.values
+    rankless = _check_mass_matrix(model, raw, values)
     if raw.poles:
         values |= synthesise_gains(model, values, raw.poles, f"{raw.path}: gains.{POLES_KEY}")
         for parameter in model.parameters:
@@ -88,7 +97,8 @@ def resolve_set(model: LoweredModel, raw: RawSet, *, judge: bool = True) -> Para
         _check_setpoint_gain(model, raw, values)
         _check_swing_up(model, raw, values)
     ordered = tuple((p.name, values[p.name]) for p in model.parameters if p.name in values)
-    return ParameterSet(raw.name, raw.title, raw.source, ordered, rest.notes)
+    notes = (*rest.notes, *([rankless] if rankless else []))
+    return ParameterSet(raw.name, raw.title, raw.source, ordered, notes)
 
 
 def zero_polynomial(model: LoweredModel, values: Mapping[str, float]) -> tuple[float, ...]:
@@ -220,33 +230,50 @@ def _require(
     if missing:
         first = missing[0]
         unit = f" in {first.unit}" if first.unit else ""
-        raise InputError(
+        raise IncompleteSetError(
             f"{raw.path}: missing {', '.join(p.name for p in missing)}",
             remedy=f"add {first.name} ({first.description}){unit}, or start from another set "
             f'with extends = "..."',
         )
 
 
-def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:
-    """Evaluate the leading minors on a grid over one turn of each coordinate M depends on."""
-    program = model.program("mass_minors")
-    names = [s.name for s in program.inputs if s.group == "input"]
-    steps = min(24, max(4, round(_MOST_POINTS ** (1.0 / max(len(names), 1)))))
-    turn = [2.0 * math.pi * k / steps for k in range(steps)]
-    for point in itertools.product(turn, repeat=len(names)):
-        at = dict(zip(names, point, strict=True))
-        minors = evaluate(program, {**values, **at})
-        if not all(m > 0.0 for m in minors.values()):
-            where = ", ".join(f"{n} = {v:.3g} rad" for n, v in at.items())
-            worst = min(minors.items(), key=lambda item: item[1])
+def _check_mass_matrix(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> str:
+    """Refuse a mass matrix that is not positive definite within the declared bounds.
+
+    Where it only loses rank at single points, the coordinates are at fault and not the inertias:
+    what is to be said of that is returned.
+    """
+    setpoint = evaluate(model.program("setpoint"), values)
+    rankless = None
+    for at in points_within_bounds(model, setpoint):
+        found = definiteness(model, {**values, **at})
+        if found is Definiteness.POSITIVE:
+            continue
+        if found is Definiteness.NONE:
             inertias = ", ".join(
-                f"{s.name} = {values[s.name]:.6g}" for s in program.inputs if s.group == "parameter"
+                f"{s.name} = {values[s.name]:.6g}"
+                for s in model.program(MASS_MATRIX).inputs
+                if s.group == "parameter"
             )
+            minors = evaluate(model.program("mass_minors"), {**values, **at})
+            worst = min(minors.items(), key=lambda item: item[1])
             raise InputError(
-                f"{raw.path}: the mass matrix is not positive definite at {where}: "
+                f"{raw.path}: the mass matrix is not positive definite at {worded(model, at)}: "
                 f"{worst[0]} = {worst[1]:.3g} with {inertias}",
                 remedy="check the inertias: no rigid mechanism has this mass matrix",
             )
+        if all(at[name] == setpoint[name] for name in at):
+            raise InputError(
+                f"{raw.path}: the mass matrix loses rank at the setpoint, {worded(model, at)}",
+                remedy="choose other coordinates or another setpoint",
+            )
+        rankless = rankless or at
+    if rankless is None:
+        return ""
+    return (
+        f"set {raw.name}: the mass matrix loses rank at {worded(model, rankless)}, within the "
+        "declared bounds; nothing can be controlled there: declare a smaller bound in spec.py"
+    )
 
 
 def _check_setpoint_gain(model: LoweredModel, raw: RawSet, values: Mapping[str, float]) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from pfaffian.derive.control_set import ControlSet, control_paths, read_control
 from pfaffian.derive.emit.plan_table import PlanTable, plan_set, plan_table
 from pfaffian.derive.library import ModelFolder
 from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
-from pfaffian.derive.parameter_set import ParameterSet, resolve_set
+from pfaffian.derive.parameter_set import IncompleteSetError, ParameterSet, resolve_set
 from pfaffian.derive.parameters import read_set
 from pfaffian.derive.program import Program, program_from_json, program_to_json
 from pfaffian.runtime.cache import cached, digest
@@ -143,6 +143,41 @@ def parameter_set(model: LoweredModel, folder: ModelFolder, path: Path) -> Param
 def library_sets(model: LoweredModel, folder: ModelFolder) -> tuple[ParameterSet, ...]:
     """Return every parameter set that comes with the model, sorted by name."""
     return tuple(parameter_set(model, folder, path) for path in folder.sets().values())
+
+
+@dataclass(frozen=True)
+class CompleteSets:
+    """The parameter sets of a folder that are complete, and why each other one is not."""
+
+    sets: tuple[ParameterSet, ...]
+    left_out: Mapping[str, str]
+
+    def notes(self, reference: str) -> list[str]:
+        """Return one line for each set that is left out, with the command that helps."""
+        return [
+            f"set {name} is left out: {why}; pfaffian design {reference} --set {name} finds gains"
+            for name, why in self.left_out.items()
+        ]
+
+
+def complete_sets(
+    model: LoweredModel, folder: ModelFolder, names: Sequence[str] = ()
+) -> CompleteSets:
+    """Return the sets of `folder` that are complete, or those of `names`, sorted by name.
+
+    A set that is asked for by name must be complete, and any set that is must be good: else
+    `InputError` is raised.
+    """
+    if names:
+        paths = [folder.set_path(n) for n in sorted(set(names))]
+        return CompleteSets(tuple(parameter_set(model, folder, p) for p in paths), {})
+    sets, left_out = [], {}
+    for name, path in folder.sets().items():
+        try:
+            sets.append(parameter_set(model, folder, path))
+        except IncompleteSetError as error:
+            left_out[name] = error.message.removeprefix(f"{path}: ")
+    return CompleteSets(tuple(sets), left_out)
 
 
 def library_controls(

@@ -136,7 +136,8 @@ def check_mass_matrix(spec: ModelSpec, mass: sp.Matrix) -> None:
 def line_about(text: str, about: str) -> int | None:
     """Return the line of `text` that gives the field, or names the symbol, `about`.
 
-    `constraint:NAME` is the line where a builder adds the servo-constraint of that name.
+    `constraint:NAME` is the line where a builder adds the servo-constraint of that name, and
+    `number:VALUE` that where this number is written.
     """
     try:
         nodes = list(ast.walk(ast.parse(text)))
@@ -146,6 +147,10 @@ def line_about(text: str, about: str) -> int | None:
         name = about.removeprefix("constraint:")
         calls = [n for n in nodes if isinstance(n, ast.Call) and _calls(n, _CONSTRAINTS, name)]
         return min((n.lineno for n in calls), default=None)
+    if about.startswith("number:"):
+        value = float(about.removeprefix("number:"))
+        written = [n for n in nodes if isinstance(n, ast.Constant) and type(n.value) is float]
+        return min((n.lineno for n in written if n.value == value), default=None)
     declared = [
         n.lineno for n in nodes if isinstance(n, ast.Call) and _calls(n, _DECLARATIONS, about)
     ]

@@ -25,7 +25,7 @@ from pfaffian.derive.dimensions import dimension_of, unit_product
 from pfaffian.derive.functions import side
 from pfaffian.derive.identities import Identity
 from pfaffian.derive.lagrange import Dynamics
-from pfaffian.derive.linear_solve import SMALL, MassSolver
+from pfaffian.derive.linear_solve import SMALL, MassSolver, determinant
 from pfaffian.derive.normal_form import is_zero, trigonometric_sum, zero_matrix
 from pfaffian.derive.spec import Coordinate, ModelSpec, SwingUp
 from pfaffian.derive.swing_up_limit import ANGLE, LIMIT, PROGRAM
@@ -186,17 +186,17 @@ def _define_energy_error(
     kinetic = builder.define("kinetic", (rates.T * mass * rates)[0] / 2, "q'^T M q'/2", "J")
     values = []
     for name, value, text in (
-        ("potential", dynamics.potential_energy, "V"),
-        ("potential_goal", _at_goal(spec, dynamics), "V at the setpoint"),
+        ("potential", dynamics.potential_form, "V"),
+        ("potential_goal", _at_goal(spec, dynamics.potential_form), "V at the setpoint"),
     ):
         named = define_trigonometry(builder, [value])
         values.append(builder.define(name, value.xreplace(named), text, "J"))
     return builder.define("energy_error", kinetic + values[0] - values[1], "E~", "J")
 
 
-def _at_goal(spec: ModelSpec, dynamics: Dynamics) -> sp.Expr:
+def _at_goal(spec: ModelSpec, potential: sp.Expr) -> sp.Expr:
     goal = dict(zip(spec.positions, spec.constraint.setpoint, strict=True))
-    return dynamics.potential_energy.subs(goal, simultaneous=True)
+    return potential.subs(goal, simultaneous=True)
 
 
 def _define_row(
@@ -230,11 +230,12 @@ def _limit(spec: ModelSpec, dynamics: Dynamics) -> Block:
         builder.take(c.position, c.unit, c.description, ANGLE if c in left else "input")
     take_parameters(builder, spec, "lumped", "plant", "gain")
     least = least_potential(spec, dynamics)
-    drop = _at_goal(spec, dynamics) - least
+    drop = _at_goal(spec, dynamics.potential_energy) - least
     mass, a = dynamics.mass_matrix, _acted(spec)
     named = define_trigonometry(builder, [drop, *mass])
     potential = builder.define("drop", drop.xreplace(named), "V(goal) - V(q), at most", "J")
-    solver = MassSolver(builder, mass.xreplace(named), dynamics, named)
+    det = determinant(dynamics).xreplace(named) if mass.rows <= SMALL else sp.S.One
+    solver = MassSolver(builder, mass.xreplace(named), det)
     acted = acted_coordinate(spec)
     unit = unit_product(("s", 2), ("J", 2), (acted.unit, -2))
     if mass.rows > SMALL:

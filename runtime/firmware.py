@@ -80,9 +80,7 @@ def measure_step(model: GeneratedModel) -> tuple[int, int]:
     assert isinstance(machine, EmulatedMachine)
     rng = np.random.default_rng(1)
     manifest = model.folder.manifest
-    params = fill_records(
-        model.records("params"), dict(next(iter(manifest.parameter_sets.values())))
-    )
+    params = fill_records(model.records("params"), model.folder.any_parameters())
     state, measured, output = (model.records(r) for r in ("state", "input", "output"))
     status = np.zeros(1, np.int32)
     model.init(state, params, status)

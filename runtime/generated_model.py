@@ -44,6 +44,16 @@ class GeneratedFolder:
             )
         return dict(sets[name])
 
+    def any_parameters(self) -> dict[str, float]:
+        """Return some value of every parameter: those of the first set, or 1 where there is none.
+
+        Code that was generated before a set was complete works with any values its caller gives.
+        """
+        for values in self.manifest.parameter_sets.values():
+            return dict(values)
+        roles = [r for r in ("params", "plant_params") if r in self.manifest.structures]
+        return {n: 1.0 for r in roles for n in self.manifest.structures[r].names()}
+
     def python_module(self) -> ModuleType:
         """Import the generated NumPy module from this folder."""
         path = self.path / f"{self.manifest.model}.py"
@@ -68,9 +78,14 @@ def generated_models() -> dict[str, Path]:
 
 
 def open_generated(reference: str) -> GeneratedFolder:
-    """Return the generated model called `reference`, or the one in the folder of that path."""
+    """Return the generated model called `reference`, or the one in the folder of that path.
+
+    Of a plant's own folder it is what `generate` wrote for it here: `generated/NAME`.
+    """
     known = generated_models()
     path = known.get(reference, Path(reference))
+    if not (path / MANIFEST_NAME).is_file() and (path / "spec.py").is_file():
+        path = Path("generated") / path.resolve().name
     if not (path / MANIFEST_NAME).is_file():
         raise InputError(
             f"no generated model {reference}",

@@ -14,7 +14,7 @@ Array = np.ndarray[Any, Any]
 
 def _defaults(folder: GeneratedFolder) -> dict[str, float]:
     """Return some valid value for every parameter, for those a function does not look at."""
-    return dict(next(iter(folder.manifest.parameter_sets.values())))
+    return folder.any_parameters()
 
 
 def _limits(folder: GeneratedFolder) -> list[tuple[str, str]]:

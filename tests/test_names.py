@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.emit.control import control_structures
 from pfaffian.derive.emit.statements import with_local_names
 from pfaffian.derive.own_names import OwnNames
 from pfaffian.derive.program import Instruction, Op, Program
@@ -153,6 +154,13 @@ def test_no_name_is_handed_out_twice():
     assert not set(made) & declared
     assert own("p1") == "p1_law_law"
     assert own("s") == "s"
+
+
+def test_members_of_the_controller_that_would_be_one_are_refused(tmp_path):
+    named = Named(coordinates=("x", "x_goal"))
+    model, _ = generated(named, tmp_path / "out")
+    with pytest.raises(InputError, match="two members x_goal"):
+        control_structures(model)
 
 
 def test_locals_of_a_function_get_names_of_their_own():

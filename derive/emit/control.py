@@ -15,12 +15,15 @@ from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import TIME_NAME
 from pfaffian.runtime.c_layout import SENSING, SUPERVISOR
 from pfaffian.runtime.checksum import checksum_of
+from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.manifest import ABI_VERSION, MEMBER_TYPES, Field, Structure
 
 _U32, _REAL = "uint32_t", "double"
 _KINDS = {_U32: "u4", _REAL: "f8"}
 #: Members of an encoder's parameters that say where the plant is: they may change at rest only.
 FIXED_ENCODER = ("counts_per_turn", "offset", "counter_bits", "counter_zero", "direction")
+#: Endings of the same place in other turns.
+_TURNS = ("_near", "_place")
 
 
 def control_structures(model: LoweredModel) -> dict[str, Structure]:
@@ -32,9 +35,24 @@ def control_structures(model: LoweredModel) -> dict[str, Structure]:
         "control_state": _state(model, law),
         "control_output": _output(model, law),
     }
-    return {
+    made = {
         role: Structure(f"{model.name}_{role}_t", tuple(fields)) for role, fields in members.items()
     }
+    for structure in made.values():
+        _check_members(model, structure.names())
+    places = (f"{c.name}{end}" for c in model.coordinates for end in ("", "_goal", *_TURNS))
+    _check_members(model, tuple(places))
+    return made
+
+
+def _check_members(model: LoweredModel, names: tuple[str, ...]) -> None:
+    """Refuse names of the plant that make two members of the complete controller one."""
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"model {model.name}: the complete controller would have two members {twice[0]}",
+            remedy="rename a coordinate or an actuator",
+        )
 
 
 def _params(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field]:

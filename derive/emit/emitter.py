@@ -76,6 +76,8 @@ class Emission:
                 f"model {self.model.name}: {len(self.sets)} parameter sets to fold into one step",
                 remedy="name one with --set or --params",
             )
+        for program in self.jacobians:
+            _check_derivatives(self.model.name, program)
         _check_sets(self.sets)
         taken = [n for n in ("step", "swing_up") if self.model.has_program(n)]
         for s in self.sets:
@@ -169,6 +171,17 @@ _ENVIRONMENT = _environment()
 def fill(template: str, context: Mapping[str, object]) -> str:
     """Fill `template` (path below `templates/`) with a complete set of keys."""
     return _ENVIRONMENT.get_template(template).render(**context)
+
+
+def _check_derivatives(model: str, program: Program) -> None:
+    """Refuse names of the plant that call two derivatives the same, as a, b_by_c and a_by_b, c."""
+    names = [s.name for s in program.outputs]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"model {model}: two derivatives of {program.name} would be called {twice[0]}",
+            remedy="rename the coordinate, actuator or parameter whose name holds `_by_`",
+        )
 
 
 def _check_sets(sets: tuple[ParameterSet, ...]) -> None:

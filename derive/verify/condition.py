@@ -83,6 +83,20 @@ class Condition:
                 lost |= (size != 0.0) & (size < unit * _total(list(weights.values()), len(lost)))
         return lost
 
+    def vanishing(self, values: Mapping[str, Array], unit: float) -> Array:
+        """Return the samples with a named value that cancels below its scale times `unit`, (N,).
+
+        Zero is such a value where the terms that make it are not.
+        """
+        known, local = self._evaluated(values)
+        found = np.zeros(len(next(iter(values.values()))), bool)
+        with np.errstate(all="ignore"):
+            for k, step in enumerate(self._steps):
+                weights = self._weights(step.name, known, local[: k + 1])
+                scale = _total(list(weights.values()), len(found))
+                found |= (scale > 0.0) & ~(np.abs(known[step.name]) > unit * scale)
+        return found
+
     def close_calls(self, values: Mapping[str, Array], unit: float) -> Array:
         """Return the samples with a comparison nearer than its sides' scale times `unit`: (N,).
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,8 @@ from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 Array = np.ndarray[Any, Any]
 #: Smallest magnitude drawn where a bound is zero, and largest for states that have no bound.
 _SMALL, _LARGE = 1e-6, 1e4
+#: Smallest magnitude of a measurement that is drawn, besides zero, as a share of its bound.
+_LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,18 +48,26 @@ def draw(
     unit: Unit = DOUBLE_UNIT,
     holds: Callable[[Mapping[str, Array]], Array] | None = None,
     block: Block | None = None,
+    fixed: Mapping[str, float] | None = None,
 ) -> Samples:
     """Return `count` samples of each of `inputs`, those of `block`, all of which `unit` holds.
 
-    A sample is redrawn, where it was drawn, until the mass matrix is positive definite there, the
-    precision `holds` what follows from it, and `block` takes no sine of an angle beyond
-    `SINCOS_MAX`, as of a fast reference after a long time, and no root or logarithm of a negative
-    number: there the formulas say nothing.
+    Measurements lie within what the generated code takes for one, and inputs named in `fixed` have
+    that one value, as where a parameter set is folded into the code. A sample is redrawn, where it
+    was drawn, until the mass matrix is positive definite there, the precision `holds` what follows
+    from it, and `block` takes no sine of an angle beyond `SINCOS_MAX`, as of a fast reference after
+    a long time, and no root or logarithm of a negative number: there the formulas say nothing.
     """
     angles = _angles(block) if block else []
     real = NamedValues(block).are_real if block and has_domains(block) else None
-    near = rng.random(count) < 0.5
-    values = _rounded(model, _mixed(model, inputs, sets, near, rng), unit)
+    near = rng.random(count) < (0.5 if sets else 0.0)
+    given = fixed or {}
+
+    def mixed(near: Array) -> dict[str, Array]:
+        values = _rounded(model, _mixed(model, inputs, sets, near, rng), unit)
+        return {n: np.full_like(v, given[n]) if n in given else v for n, v in values.items()}
+
+    values = mixed(near)
     beyond, beyond_near, open_ = 0, 0, np.arange(count)
     for _ in range(200):
         now = {n: v[open_] for n, v in values.items()}
@@ -69,7 +80,7 @@ def draw(
         open_ = open_[~(physical & held)]
         if not len(open_):
             return Samples(values, near, beyond, beyond_near)
-        again = _rounded(model, _mixed(model, inputs, sets, near[open_], rng), unit)
+        again = mixed(near[open_])
         for name, column in values.items():
             column[open_] = again[name]
     raise RuntimeError("no physical parameters found in 200 draws")
@@ -77,6 +88,7 @@ def draw(
 
 def _rounded(model: LoweredModel, values: dict[str, Array], unit: Unit) -> dict[str, Array]:
     bounds = {p.name: unit.bounds(p) for p in model.parameters}
+    bounds |= {n: (-b, b) for n, b in measured_domain(model, unit).items()}
     rounded = {n: unit.rounded(v) for n, v in values.items()}
     return {n: np.clip(v, *bounds[n]) if n in bounds else v for n, v in rounded.items()}
 
@@ -89,20 +101,24 @@ def _mixed(
     rng: np.random.Generator,
 ) -> dict[str, Array]:
     wide = _wide(model, inputs, len(near), rng)
-    local = _near(model, inputs, wide, sets, len(near), rng)
+    local = _near(model, inputs, wide, sets, len(near), rng) if sets else wide
     return {n: np.where(near, local[n], wide[n]) for n in wide}
 
 
 def _wide(
     model: LoweredModel, inputs: Sequence[Signal], count: int, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Draw over the whole stated domain: angles evenly, magnitudes evenly in their logarithm."""
+    """Draw over the whole stated domain.
+
+    Measurements are drawn evenly, with a third of them of magnitudes down to a billionth of the
+    bound, on the edge or zero; everything else evenly in the logarithm of its magnitude.
+    """
     bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
     domain, own = dict(measured_bounds(model)), model.own
     values = {}
     for signal in inputs:
         if signal.name in domain:
-            values[signal.name] = rng.uniform(-1.0, 1.0, count) * domain[signal.name]
+            values[signal.name] = _measurements(domain[signal.name], count, rng)
         elif signal.name == own("engaged"):
             values[signal.name] = rng.integers(0, 2, count).astype(float)
         elif signal.name == own("leakage_decay"):
@@ -114,6 +130,19 @@ def _wide(
             low = 0.0 if signal.name in positive else -_LARGE
             values[signal.name] = _within(low, _LARGE, count, rng)
     return values
+
+
+def _measurements(bound: float, count: int, rng: np.random.Generator) -> Array:
+    even = rng.uniform(-1.0, 1.0, count)
+    small = np.sign(even) * _LEAST_SHARE ** rng.uniform(0.0, 1.0, count)
+    kind = rng.uniform(0.0, 1.0, count)
+    shares = np.select([kind < 0.65, kind < 0.9, kind < 0.95], [even, small, np.sign(even)], 0.0)
+    return shares * bound
+
+
+def measured_domain(model: LoweredModel, unit: Unit) -> dict[str, float]:
+    """Return each measurement with the largest magnitude that the generated code takes for one."""
+    return {name: unit.below(bound) for name, bound in measured_bounds(model)}
 
 
 def _within(lower: float, upper: float, count: int, rng: np.random.Generator) -> Array:
@@ -136,8 +165,11 @@ def _near(
     count: int,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    """Draw around the parameter sets: parameters within 30 %, motions of a few turns a second."""
-    which = rng.integers(0, len(sets), count)
+    """Draw around the parameter sets: parameters within 30 %, motions of a few turns a second.
+
+    Where a measurement has a narrower domain than that, half of it is the standard deviation.
+    """
+    which, domain = rng.integers(0, len(sets), count), dict(measured_bounds(model))
     bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
     values = {}
     for signal in inputs:
@@ -146,7 +178,8 @@ def _near(
             around = base * rng.uniform(0.7, 1.3, count)
             values[signal.name] = np.clip(around, *bounds[signal.name])
         elif signal.group in ("input", "torque"):
-            values[signal.name] = rng.normal(0.0, 3.0, count)
+            spread = min(3.0, 0.5 * domain.get(signal.name, math.inf))
+            values[signal.name] = rng.normal(0.0, spread, count)
         elif signal.name in (model.own("engaged"), model.own("leakage_decay")):
             values[signal.name] = wide[signal.name]
         else:

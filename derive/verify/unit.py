@@ -47,6 +47,13 @@ class Unit:
         precision = PRECISIONS[self.precision]
         return precision.at_least(parameter.lower), precision.at_most(parameter.upper)
 
+    def below(self, bound: float) -> float:
+        """Return the largest magnitude that the generated code takes below `bound`."""
+        if self.precision == "double":
+            return float(np.nextafter(bound, 0.0))
+        single = np.float32(PRECISIONS[self.precision].at_most(bound))
+        return float(np.nextafter(single, np.float32(0.0)))
+
     def rounded(self, values: Array) -> Array:
         """Return float64 values that this precision holds exactly."""
         if self.precision == "double":
