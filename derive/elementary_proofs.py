@@ -58,7 +58,10 @@ class Case:
 
     def hypotheses(self) -> list[str]:
         """Return what the claim may assume."""
-        return [f"{self.variable} in [{_number(self.low)}, {_number(self.high)}]", *self.given]
+        return [
+            f"{self.variable} in [{number_text(self.low)}, {number_text(self.high)}]",
+            *self.given,
+        ]
 
 
 @dataclass(frozen=True)
@@ -93,13 +96,14 @@ def proofs() -> tuple[Proof, ...]:
     )
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
+    """Return a number as Gappa reads it back."""
     return value.hex().replace("0x0.0p+0", "0")
 
 
-def _horner(name: str, polynomial: Polynomial, variable: str) -> tuple[str, str]:
+def horner_lines(name: str, polynomial: Polynomial, variable: str) -> tuple[str, str]:
     """Return Horner's scheme with each step rounded, and without rounding."""
-    first, *rest = [_number(c) for c in reversed(polynomial.coefficients)]
+    first, *rest = [number_text(c) for c in reversed(polynomial.coefficients)]
     rounded = exact = first
     for coefficient in rest:
         rounded = f"rnd({rounded} * {variable} + {coefficient})"
@@ -117,7 +121,7 @@ def _pieces(low: float, high: float, cuts: Sequence[float]) -> list[tuple[float,
     return list(itertools.pairwise(edges))
 
 
-def _cases(
+def cases_of(
     low: float,
     high: float,
     variable: str,
@@ -131,7 +135,7 @@ def _cases(
     Pieces end at `cuts` too: where the result passes a power of two, so that its ulp doubles.
     """
     return tuple(
-        Case(variable, a, b, f"{claim} <= {_number(allowed(a, b))}", tuple(given))
+        Case(variable, a, b, f"{claim} <= {number_text(allowed(a, b))}", tuple(given))
         for a, b in _pieces(low, high, cuts)
     )
 
@@ -139,8 +143,8 @@ def _cases(
 def _angle_parts() -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return s = sin(r + low) - r and v = 1 - cos r, as computed and without rounding."""
     c = elementary_coefficients()
-    sine, exact_sine = _horner("p", c.sin, "z")
-    versine, exact_versine = _horner("w", c.versine, "z")
+    sine, exact_sine = horner_lines("p", c.sin, "z")
+    versine, exact_versine = horner_lines("w", c.versine, "z")
     code = ("z = rnd(r * r);", sine, versine, "s = rnd(rnd(r * z) * p + low);", "v = rnd(w * z);")
     exact = ("Mz = r * r;", exact_sine, exact_versine, "Ms = r * Mz * Mp + low;", "Mv = Mw * Mz;")
     return code, exact
@@ -159,8 +163,8 @@ def _angle() -> tuple[Proof, Proof]:
     sine_error, versine_error = _angle_errors()
     reach = sincos_reach()
     claims = (
-        _cases(-reach, reach, "r", lambda a, b: sine_error, "|s - Ms|", (_LOW_GIVEN,)),
-        _cases(-reach, reach, "r", lambda a, b: versine_error, "|v - Mv|"),
+        cases_of(-reach, reach, "r", lambda a, b: sine_error, "|s - Ms|", (_LOW_GIVEN,)),
+        cases_of(-reach, reach, "r", lambda a, b: versine_error, "|v - Mv|"),
     )
     return (
         Proof("angle_s", f"s {title}", meaning, code, exact, claims[0], ("z ~ Mz", "p ~ Mp")),
@@ -185,7 +189,7 @@ def _sincos_row(name: str, row: int) -> Proof:
     sign, function, inverse = "-", math.sin, math.asin
     if name == "cos":
         value, other, sign, function, inverse = other, value, "+", math.cos, math.acos
-    o, v = _number(other), _number(value)
+    o, v = number_text(other), number_text(value)
     sine_error, versine_error = _angle_errors()
 
     def allowed(a: float, b: float) -> float:
@@ -198,14 +202,14 @@ def _sincos_row(name: str, row: int) -> Proof:
 
     low = (row - 0.5) * step - middle
     reach, most = sincos_reach(), (1 + 2**-20)
-    given = (f"|s| <= {_number(reach**3 / 6)}", f"v in [0, {_number(reach**2 / 2)}]")
+    given = (f"|s| <= {number_text(reach**3 / 6)}", f"v in [0, {number_text(reach**2 / 2)}]")
     return Proof(
         name=f"{name}_{row}",
         title=f"{name} on row {row} of {SINCOS_ROWS}: table value and small part.",
         meaning=f"Claim: with half an ulp for the last addition, {PROVED_ULP} ulp hold.",
         code=(f"t = rnd({o} * r + rnd({o} * s {sign} rnd({v} * v)));",),
         exact=(f"Mt = {o} * r + ({o} * s {sign} {v} * v);",),
-        cases=_cases(
+        cases=cases_of(
             max(low * most, -reach),
             min((low + step) * most, reach),
             "r",
@@ -234,8 +238,8 @@ def _sine_at_zero() -> Proof:
                 "r",
                 LEAST,
                 c.step[0] / 2 * (1 + 2**-20),
-                f"|(s - Ms) / r| <= {_number(allowed)}",
-                (f"|e| <= {_number(_LOW_PART)}",),
+                f"|(s - Ms) / r| <= {number_text(allowed)}",
+                (f"|e| <= {number_text(_LOW_PART)}",),
             ),
         ),
         hints=("z ~ Mz", "p ~ Mp"),
@@ -254,14 +258,14 @@ def _cosine_at_zero() -> Proof:
         meaning=f"Claim: with half an ulp for the last subtraction, {PROVED_ULP} ulp hold.",
         code=("low = 0;", *code),
         exact=exact,
-        cases=_cases(-half, half, "r", lambda a, b: allowed, "|v - Mv|"),
+        cases=cases_of(-half, half, "r", lambda a, b: allowed, "|v - Mv|"),
         hints=("z ~ Mz", "w ~ Mw", "v ~ Mv"),
     )
 
 
 def _atan_parts() -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return u = atan t as computed from t, and from Mt without rounding."""
-    polynomial, exact = _horner("a", elementary_coefficients().atan, "z")
+    polynomial, exact = horner_lines("a", elementary_coefficients().atan, "z")
     code = ("z = rnd(t * t);", polynomial, "u = rnd(rnd(t * z) * a + t);")
     return code, ("Mz = Mt * Mt;", exact, "Mu = Mt * Mz * Ma + Mt;")
 
@@ -277,7 +281,7 @@ def _atan_at_zero() -> Proof:
         meaning="Claim: w is right to so small a part of t that rounding t + w is all that counts.",
         code=("Mt = t;", *code[:-1], "w = rnd(t * z) * a;"),
         exact=(*exact[:-1], "Mw = Mt * Mz * Ma;"),
-        cases=(Case("t", LEAST, end, f"|(w - Mw) / t| <= {_number(allowed)}"),),
+        cases=(Case("t", LEAST, end, f"|(w - Mw) / t| <= {number_text(allowed)}"),),
         hints=("z ~ Mz", "a ~ Ma"),
     )
 
@@ -286,7 +290,7 @@ def _atan_row(row: int) -> Proof:
     c = elementary_coefficients()
     centre = c.atan_rows[row]
     code, exact = _atan_parts()
-    tangent = _number(centre.tangent)
+    tangent = number_text(centre.tangent)
 
     def allowed(a: float, b: float) -> float:
         size = max(abs(math.atan(x) - centre.angle) for x in (a, b))
@@ -299,7 +303,7 @@ def _atan_row(row: int) -> Proof:
         meaning=f"Claim: with half an ulp for the last addition, {PROVED_ULP} ulp hold.",
         code=(f"d = rnd(x * {tangent} + 1);", f"n = x - {tangent};", "t = rnd(n / d);", *code),
         exact=(f"Md = x * {tangent} + 1;", "Mt = n / Md;", *exact),
-        cases=_cases(
+        cases=cases_of(
             *atan_edges(row), "x", allowed, "|u - Mu|", cuts=[math.tan(p) for p in (*_POWERS, 1.0)]
         ),
         hints=("d ~ Md", "t ~ Mt", "z ~ Mz", "a ~ Ma", "u ~ Mu"),
@@ -309,7 +313,7 @@ def _atan_row(row: int) -> Proof:
 def _atan_far() -> Proof:
     c = elementary_coefficients()
     code, exact = _atan_parts()
-    start, low = atan_edges(ATAN_ROWS)[0], _number(c.half_pi[1])
+    start, low = atan_edges(ATAN_ROWS)[0], number_text(c.half_pi[1])
     spent = c.atan_interval * c.atan.error + 2.0**-100
     allowed = (PROVED_ULP - 0.5) * _ulp(1.5) - spent
     return Proof(
@@ -318,6 +322,6 @@ def _atan_far() -> Proof:
         meaning=f"Claim: with half an ulp for the last addition, {PROVED_ULP} ulp hold.",
         code=(f"t = rnd({low} - rnd(y));", *code),
         exact=(f"Mt = {low} - y; # y = 1/x", *exact),
-        cases=_cases(0.0, 1 / start, "y", lambda a, b: allowed, "|u - Mu|"),
+        cases=cases_of(0.0, 1 / start, "y", lambda a, b: allowed, "|u - Mu|"),
         hints=("t ~ Mt", "z ~ Mz", "a ~ Ma", "u ~ Mu"),
     )

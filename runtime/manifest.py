@@ -139,7 +139,9 @@ def read_manifest(folder: Path) -> Manifest:
             document[key] = tuple(document[key])
         document["plans"] = tuple(document.get("plans", ()))
         manifest = Manifest(structures=structures, **document)
+        _check_types(manifest)
         _check_structures(structures)
+        _check_names(manifest)
         if manifest.precision not in REAL_TYPES:
             raise ValueError(f"unknown precision {manifest.precision}")
     except OSError as error:
@@ -147,7 +149,7 @@ def read_manifest(folder: Path) -> Manifest:
             f"{path}: cannot be read ({error.strerror})",
             remedy="generate the model first: pfaffian generate MODEL",
         ) from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, ArithmeticError) as error:
         raise InputError(
             f"{path}: is not a manifest of this version ({error})", remedy="regenerate the model"
         ) from error
@@ -164,6 +166,47 @@ def _structures(document: Mapping[str, Any]) -> dict[str, Structure]:
         key: Structure(s["name"], tuple(Field(**f) for f in s["fields"]))
         for key, s in document.items()
     }
+
+
+def _check_types(manifest: Manifest) -> None:
+    """Raise `TypeError` naming the first entry of a type that no generation writes."""
+    fields = [*manifest.parameters, *(f for s in manifest.structures.values() for f in s.fields)]
+    texts = {
+        name: [getattr(manifest, name)]
+        for name in ("model", "title", "source", "model_sha256", "parameters_sha256", "baked")
+    }
+    texts |= {
+        name: list(getattr(manifest, name))
+        for name in ("coordinates", "actuators", "limits", "status", "plans")
+    }
+    for name in ("tools", "set_titles", "files", "own_names"):
+        texts[name] = list(getattr(manifest, name).values())
+    texts["fields"] = [text for f in fields for text in (f.name, f.type, f.unit, f.description)]
+    numbers = {name: getattr(manifest, name) for name in ("domain", "operations")}
+    numbers |= {f"parameter_sets.{n}": values for n, values in manifest.parameter_sets.items()}
+    for name, found in texts.items():
+        if not all(isinstance(text, str) for text in found):
+            raise TypeError(f"{name} holds what is no text")
+    for name, values in numbers.items():
+        for key, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise TypeError(f"{name}.{key} is no number")
+            float(value)  # an integer of hundreds of digits is none either
+
+
+def _check_names(manifest: Manifest) -> None:
+    """Raise `ValueError` where names that belong together do not."""
+    if not manifest.model.isidentifier():
+        raise ValueError(f"the model is called {manifest.model!r}")
+    state = manifest.structures["plant_state"].names()
+    for name in (*manifest.coordinates, *manifest.domain):
+        if name not in state:
+            raise ValueError(f"the plant has no state {name}")
+    for name, values in manifest.parameter_sets.items():
+        for role in ("params", "plant_params"):
+            for member in manifest.structures[role].names():
+                if member not in values:
+                    raise ValueError(f"set {name} has no {member}")
 
 
 def _check_structures(structures: Mapping[str, Structure]) -> None:

@@ -278,6 +278,7 @@ def test_both_signs_of_every_symbol_are_tried():
     x, y = src.real("x y")
     assert check.at_most("for any", -x * y, sp.Abs(x * y), signs=(x, y)).holds
     assert not check.at_most("for one sign", x * y, -sp.Abs(x * y), signs=(x, y)).holds
+    assert not check.at_most("for positive ones", -x, sp.S.Zero, signs=(x,)).holds
     assert not check.at_most("not visibly", x * y, sp.Abs(x * y)).holds
     assert check.resolved(sp.Min(1, 1 / (1 + pendubot_bounds.big))) == 1 / (1 + pendubot_bounds.big)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pfaffian.runtime.twin.draws import whole
 from pfaffian.runtime.twin.rig import Rigs
 from pfaffian.runtime.twin.settings import Drive, DryFriction
 from support_twin import model, twin
@@ -64,3 +65,12 @@ def test_plants_and_starts_are_spread_evenly_to_both_sides():
         assert abs(values.mean()) < 4.0 * reach / np.sqrt(3 * count)
     assert (rigs.params["theta2"] == scenario.base.plant["theta2"]).all()
     assert abs(np.corrcoef(ratio, start)[0, 1]) < 0.1
+
+
+def test_whole_numbers_are_drawn_evenly_to_both_sides_of_zero():
+    for largest in (0, 1, 4):
+        found = whole(np.array([0.0, 0.5, np.nextafter(1.0, 0.0)]), largest)
+        assert found.tolist() == [-largest, 0, largest]
+    drawn = whole(np.random.default_rng(4).random(90_000), 4)
+    assert np.unique(drawn).tolist() == list(range(-4, 5))
+    assert np.abs(np.bincount(drawn + 4) - 10_000).max() < 500
