@@ -8,7 +8,7 @@ its servo-constraints where they are not the standard one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +17,8 @@ from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.dimensions import check_unit, unit_product
 from pfaffian.derive.exact_numbers import exact_expression
 from pfaffian.derive.law_parameters import (
+    LABORATORY,
+    Domain,
     SwingUpGains,
     friction_force,
     friction_parameters,
@@ -43,8 +45,6 @@ from pfaffian.derive.supported import check_supported
 from pfaffian.runtime.errors import InputError
 from pfaffian.runtime.given_names import given_away
 
-_LARGE = 1e4
-
 
 @dataclass(frozen=True)
 class _Residual:
@@ -59,8 +59,13 @@ class _Residual:
 class ModelBuilder:
     """Collects a plant and hands out its frozen `ModelSpec`."""
 
-    def __init__(self, name: str, title: str, source: str) -> None:
-        """Start a model; `source` says where its parameters and its constraint come from."""
+    def __init__(self, name: str, title: str, source: str, *, domain: Domain | None = None) -> None:
+        """Start a model; `source` says where its parameters and its constraint come from.
+
+        `domain` bounds what states no bound of its own: what stands on a table, unless given. With
+        `Domain()` nothing is bounded but its sign, and the parameter sets give the scale.
+        """
+        self._domain = domain or LABORATORY
         self._name, self._title, self._source = name, title, source
         self._coordinates: list[Coordinate] = []
         self._parameters: list[Parameter] = []
@@ -83,21 +88,23 @@ class ModelBuilder:
         return made.position, made.velocity
 
     def parameter(
-        self, name: str, unit: str, description: str, *, upper: float = _LARGE, latex: str = ""
+        self, name: str, unit: str, description: str, *, upper: float | None = None, latex: str = ""
     ) -> sp.Symbol:
         """Declare a positive parameter of the plant and return its symbol."""
+        most = self._domain.plant if upper is None else upper
         self._check_name(name)
-        made = Parameter(name, unit, description, "plant", 0.0, upper, True, latex=latex)
+        made = Parameter(name, unit, description, "plant", 0.0, most, True, latex=latex)
         self._parameters.append(made)
         return symbol_of(made)
 
     def uncertain(
-        self, name: str, unit: str, description: str, *, bound: float = 1e3, latex: str = ""
+        self, name: str, unit: str, description: str, *, bound: float | None = None, latex: str = ""
     ) -> sp.Symbol:
         """Declare a parameter of the uncertain force, zero unless given; return its symbol."""
         self._check_name(name)
+        most = self._domain.uncertain if bound is None else bound
         made = Parameter(
-            name, unit, description, "uncertainty", -bound, bound, default=0.0, latex=latex
+            name, unit, description, "uncertainty", -most, most, default=0.0, latex=latex
         )
         self._own_uncertain.append(made)
         return symbol_of(made)
@@ -127,11 +134,12 @@ class ModelBuilder:
         return symbol_of(self._setpoint(self._declared(coordinate, "its setpoint")))
 
     def gain(
-        self, name: str, unit: str, description: str, *, bound: float = _LARGE, latex: str = ""
+        self, name: str, unit: str, description: str, *, bound: float | None = None, latex: str = ""
     ) -> sp.Symbol:
         """Declare a gain of the servo-constraint, within +-`bound`, and return its symbol."""
         self._check_name(name)
-        made = Parameter(name, unit, description, "synthesised", -bound, bound, latex=latex)
+        most = self._domain.gain if bound is None else bound
+        made = Parameter(name, unit, description, "synthesised", -most, most, latex=latex)
         self._own_gains.append(made)
         return symbol_of(made)
 
@@ -243,7 +251,7 @@ class ModelBuilder:
         potential_energy: sp.Expr,
         stability: tuple[StabilityCondition, ...] = (),
         errors: Mapping[str, sp.Expr] | None = None,
-        force_bound: float = _LARGE,
+        force_bound: float | None = None,
     ) -> ModelSpec:
         """Return the specification.
 
@@ -262,13 +270,20 @@ class ModelBuilder:
                 f"model {self._name}: {len(self._actuators)} actuators and no servo-constraint",
                 remedy="add one for each: first_order, holonomic or second_order",
             )
+        domain = self._domain
+        if force_bound is not None:
+            domain = replace(domain, force=force_bound)
         own = bool(self._own_friction)
-        friction = () if own else tuple(friction_parameters(c) for c in self._coordinates)
+        friction = (
+            ()
+            if own
+            else tuple(friction_parameters(c, domain.uncertain) for c in self._coordinates)
+        )
         gains = tuple(self._own_gains) if self._residuals else self._gains()
         law = law_parameters(
             self._actuators,
             [r.unit for r in self._residuals] or [self._residual_unit()],
-            force_bound,
+            domain,
             [r.unit for r in self._residuals if r.drift is None] if self._residuals else None,
         )
         parameters = (
@@ -315,8 +330,8 @@ class ModelBuilder:
                 unit_product((last.unit, 1), (c.unit, -1)),
                 f"weight of {c.name} in the servo-constraint",
                 "synthesised",
-                -_LARGE,
-                _LARGE,
+                -self._domain.gain,
+                self._domain.gain,
                 latex=f"w_{{{c.name}}}",
             )
             for c in self._coordinates[:-1]
@@ -327,8 +342,8 @@ class ModelBuilder:
                 "1/s",
                 f"rate of the error of {c.name} in the servo-constraint",
                 "synthesised",
-                -_LARGE,
-                _LARGE,
+                -self._domain.gain,
+                self._domain.gain,
                 latex=f"r_{{{c.name}}}",
             )
             for c in self._coordinates
@@ -338,10 +353,10 @@ class ModelBuilder:
     def _setpoints(self) -> tuple[Parameter, ...]:
         return tuple(self._setpoint(c) for c in self._coordinates)
 
-    @staticmethod
-    def _setpoint(c: Coordinate) -> Parameter:
+    def _setpoint(self, c: Coordinate) -> Parameter:
         text = f"setpoint of {c.name}"
-        return Parameter(f"{c.name}d", c.unit, text, "gain", -1e3, 1e3, default=0.0)
+        most = self._domain.setpoint
+        return Parameter(f"{c.name}d", c.unit, text, "gain", -most, most, default=0.0)
 
     def _constraint(self, p: SimpleNamespace, own: dict[str, sp.Expr]) -> ServoConstraint:
         motion = {f"{d}{c.name}" for c in self._coordinates for d in ("", "d", "dd")}

@@ -130,6 +130,11 @@ class _Problem:
             Op.EXP: self._mp.exp,
             Op.EXPM1: self._mp.expm1,
             Op.TANH: self._mp.tanh,
+            Op.LOG: self._mp.log,
+            Op.ASIN: self._mp.asin,
+            Op.ACOS: self._mp.acos,
+            Op.SINH: self._mp.sinh,
+            Op.COSH: self._mp.cosh,
         }
 
     def forces(self, at: Mapping[str, Any]) -> list[Any]:

@@ -6,6 +6,7 @@ coordinate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -14,6 +15,29 @@ import sympy as sp
 from pfaffian.derive.dimensions import force_unit, unit_product
 from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.spec import Actuator, Coordinate
+
+
+@dataclass(frozen=True)
+class Domain:
+    """How large parameters may be that state no bound of their own, and how small some of them.
+
+    Without bounds a plant has the scale that its parameter sets give it: what double precision
+    holds is taken, and code is verified around the sets. `sample_time` and `threshold` have lower
+    bounds, which they must exceed where these are zero.
+    """
+
+    plant: float = math.inf
+    gain: float = math.inf
+    law: float = math.inf
+    force: float = math.inf
+    uncertain: float = math.inf
+    setpoint: float = math.inf
+    sample_time: tuple[float, float] = (0.0, math.inf)
+    threshold: float = 0.0
+
+
+#: What stands on a table: the domain that the models of the library are verified on.
+LABORATORY = Domain(1e4, 1e4, 1e6, 1e4, 1e3, 1e3, (1e-6, 1.0), 1e-9)
 
 
 def limit_names(actuators: Sequence[Actuator]) -> tuple[str, ...]:
@@ -26,7 +50,7 @@ def limit_names(actuators: Sequence[Actuator]) -> tuple[str, ...]:
 def law_parameters(
     actuators: Sequence[Actuator],
     residual_units: Sequence[str],
-    force_bound: float,
+    domain: Domain,
     stabilised: Sequence[str] | None = None,
 ) -> tuple[Parameter, ...]:
     """Return the gains of (15)-(23) and the target's limits.
@@ -46,7 +70,7 @@ def law_parameters(
         group: str = "gain",
         *,
         opened: bool = True,
-        upper: float = 1e6,
+        upper: float = domain.law,
         latex: str = "",
     ) -> Parameter:
         return Parameter(name, unit, text, group, lower, upper, opened, latex=latex)
@@ -89,10 +113,10 @@ def law_parameters(
             "sample_time",
             "s",
             "period of the controller",
-            1e-6,
+            domain.sample_time[0],
             "target",
-            opened=False,
-            upper=1.0,
+            opened=domain.sample_time[0] == 0.0,
+            upper=domain.sample_time[1],
             latex="T",
         ),
         *(
@@ -103,7 +127,7 @@ def law_parameters(
                 if several
                 else "largest force or torque commanded",
                 group="target",
-                upper=force_bound,
+                upper=domain.force,
                 latex="\\tau_{\\max}" if not several else "",
             )
             for name, actuator in zip(limit_names(actuators), actuators, strict=True)
@@ -114,9 +138,9 @@ def law_parameters(
             "least |ADB| the law divides by"
             if not several
             else "least |det ADB| the law divides by",
-            1e-9,
+            domain.threshold,
             "target",
-            opened=False,
+            opened=domain.threshold == 0.0,
             latex="\\underline{a}",
         ),
     )
@@ -165,8 +189,11 @@ def _determinant_unit(actuators: Sequence[Actuator], residual_units: Sequence[st
     return unit_product(*(f for unit, a in pairs for f in ((unit, 1), ("s", -1), (a.unit, -1))))
 
 
-def friction_parameters(coordinate: Coordinate) -> tuple[Parameter, ...]:
-    """Return load, viscous and Coulomb friction of one coordinate; all zero unless given."""
+def friction_parameters(coordinate: Coordinate, most: float) -> tuple[Parameter, ...]:
+    """Return load, viscous and Coulomb friction of one coordinate, each zero unless given.
+
+    They lie within +-`most`.
+    """
     force, name = force_unit(coordinate.unit), coordinate.name
     rows = (
         ("load", force, "constant load"),
@@ -176,7 +203,7 @@ def friction_parameters(coordinate: Coordinate) -> tuple[Parameter, ...]:
     )
     return tuple(
         Parameter(
-            f"{name}_{kind}", unit, f"{text} on {name}", "uncertainty", -1e3, 1e3, default=0.0
+            f"{name}_{kind}", unit, f"{text} on {name}", "uncertainty", -most, most, default=0.0
         )
         for kind, unit, text in rows
     )

@@ -8,6 +8,7 @@ value out of bounds are each refused with the file and the key.
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -69,7 +70,9 @@ class Parameter:
         relation = "greater than" if self.lower_open else "at least"
         raise InputError(
             f"{where}: {self.name} = {value:g} {self.unit} is out of bounds ({self.description})",
-            remedy=f"give a value {relation} {self.lower:g} and at most {self.upper:g} {self.unit}",
+            remedy=f"give a value {relation} {self.lower:g}"
+            + (f" and at most {self.upper:g}" if self.upper < math.inf else "")
+            + (f" {self.unit}" if self.unit else ""),
         )
 
 

@@ -24,6 +24,8 @@ _GENERATIONS = 40
 _UNBOUNDED = 1e12
 _GROUPS = ("physical", "lumped", "plant", "uncertainty")
 #: Friction limits are looked for over this many decades below a parameter's upper bound.
+#: Largest damping tried where friction has no bound, in the plant's own.
+_MOST_DAMPING = 1e6
 _DECADES, _STEPS_PER_DECADE = 12, 20
 
 
@@ -244,6 +246,15 @@ def friction_limits(model: LoweredModel, values: Mapping[str, float]) -> dict[st
     return limits
 
 
+def _own_damping(model: LoweredModel, values: Mapping[str, float]) -> float:
+    """Return the largest inertia times the rate of the fastest pole."""
+    known = {p.name: p.default for p in model.parameters if p.default is not None} | dict(values)
+    linear = evaluate(model.program("linearisation"), known)
+    mass = max(abs(v) for n, v in linear.items() if n.startswith("mass_"))
+    rate = max((abs(p) for p in roots_of(zero_polynomial(model, values))), default=1.0)
+    return mass * (rate or 1.0)
+
+
 def _limit(model: LoweredModel, values: Mapping[str, float], parameter: Parameter) -> float | None:
     start = values.get(parameter.name, parameter.default or 0.0)
 
@@ -251,6 +262,8 @@ def _limit(model: LoweredModel, values: Mapping[str, float], parameter: Paramete
         return is_hurwitz(zero_polynomial(model, {**values, parameter.name: start + added}))
 
     room = parameter.upper - start
+    if not math.isfinite(room):  # what a friction of the plant's own scale is, far exceeded
+        room = _MOST_DAMPING * _own_damping(model, values)
     below = 0.0
     for k in range(_DECADES * _STEPS_PER_DECADE + 1):
         above = room * 10.0 ** (k / _STEPS_PER_DECADE - _DECADES)

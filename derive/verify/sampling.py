@@ -14,6 +14,7 @@ from pfaffian.derive.elementary import SINCOS_MAX
 from pfaffian.derive.emit.emitter import measured_bounds
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.numeric import function_of
+from pfaffian.derive.parameters import Parameter
 from pfaffian.derive.program import Signal, evaluate
 from pfaffian.derive.verify.span import NamedValues, has_domains
 from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
@@ -21,6 +22,8 @@ from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
 Array = np.ndarray[Any, Any]
 #: Smallest magnitude drawn where a bound is zero, and largest for states that have no bound.
 _SMALL, _LARGE = 1e-6, 1e4
+#: How far from the values in the sets parameters without bounds are drawn, and those that are zero.
+_AROUND, _UNSET = 1e6, 1e3
 #: Smallest magnitude of a measurement that is drawn, besides zero, as a share of its bound.
 _LEAST_SHARE = 1e-9
 
@@ -100,20 +103,35 @@ def _mixed(
     near: Array,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    wide = _wide(model, inputs, len(near), rng)
+    wide = _wide(model, inputs, sets, len(near), rng)
     local = _near(model, inputs, wide, sets, len(near), rng) if sets else wide
     return {n: np.where(near, local[n], wide[n]) for n in wide}
 
 
+def _drawn(parameter: Parameter, sets: Sequence[Mapping[str, float]]) -> tuple[float, float]:
+    """Return between what a parameter is drawn: its bounds, or around the sets without any."""
+    lower, upper = parameter.lower, parameter.upper
+    if math.isfinite(lower) and math.isfinite(upper):
+        return lower, upper
+    sizes = [abs(s[parameter.name]) for s in sets if s.get(parameter.name)] or [_UNSET / _AROUND]
+    least = min(sizes) / _AROUND if parameter.lower_open and lower == 0.0 else lower
+    most = max(sizes) * _AROUND
+    return max(least, -most), min(upper, most)
+
+
 def _wide(
-    model: LoweredModel, inputs: Sequence[Signal], count: int, rng: np.random.Generator
+    model: LoweredModel,
+    inputs: Sequence[Signal],
+    sets: Sequence[Mapping[str, float]],
+    count: int,
+    rng: np.random.Generator,
 ) -> dict[str, Array]:
     """Draw over the whole stated domain.
 
     Measurements are drawn evenly, with a third of them of magnitudes down to a billionth of the
     bound, on the edge or zero; everything else evenly in the logarithm of its magnitude.
     """
-    bounds = {p.name: (p.lower, p.upper) for p in model.parameters}
+    bounds = {p.name: _drawn(p, sets) for p in model.parameters}
     domain, own = dict(measured_bounds(model)), model.own
     values = {}
     for signal in inputs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -14,6 +15,7 @@ def model() -> ModelSpec:
         title="Acrobot",
         source="M. W. Spong, The swing up control problem for the acrobot, IEEE Control Systems "
         "Magazine 15(1), 49-55, 1995; the servo-constraint has the library's standard form",
+        domain=LABORATORY,
     )
     q1, dq1 = m.coordinate(
         "q1", "rad", "angle of link 1 from the horizontal", bound=1e4, rate_bound=1e3

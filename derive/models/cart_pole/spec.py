@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -15,6 +16,7 @@ def model() -> ModelSpec:
         source="A. G. Barto, R. S. Sutton, C. W. Anderson, Neuronlike adaptive elements that can "
         "solve difficult learning control problems, IEEE Trans. SMC 13(5), 834-846, 1983; the "
         "servo-constraint has the library's standard form",
+        domain=LABORATORY,
     )
     x, dx = m.coordinate("x", "m", "position of the cart", bound=1e3, rate_bound=1e3)
     theta, dtheta = m.coordinate(

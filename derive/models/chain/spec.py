@@ -9,6 +9,7 @@ from __future__ import annotations
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
 from pfaffian.derive.chain import chain
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 LINKS = 3
@@ -32,6 +33,7 @@ def chain_model(links: int) -> ModelSpec:
         "Int. J. Control 39(6), 1984, with the parameters of D.-W. Gu, P. H. Petkov, "
         "M. M. Konstantinov, Robust Control Design with MATLAB; the servo-constraints are rows of "
         "a Riccati equation",
+        domain=LABORATORY,
     )
     moving = [
         m.coordinate(

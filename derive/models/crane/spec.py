@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -15,6 +16,7 @@ def model() -> ModelSpec:
         source="Y. Fang, W. E. Dixon, D. M. Dawson, E. Zergeroglu, Nonlinear coupling control laws "
         "for an underactuated overhead crane system, IEEE/ASME Trans. Mechatronics 8(3), 418-423, "
         "2003; the servo-constraint has the library's standard form",
+        domain=LABORATORY,
     )
     x, dx = m.coordinate("x", "m", "position of the trolley", bound=1e3, rate_bound=1e3)
     theta, dtheta = m.coordinate(

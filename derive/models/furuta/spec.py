@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -20,6 +21,7 @@ def model() -> ModelSpec:
         source="B. S. Cazzolato, Z. Prime, On the dynamics of the Furuta pendulum, Journal of "
         "Control Science and Engineering, 2011, 528341, slender pendulum; the servo-constraint has "
         "the library's standard form",
+        domain=LABORATORY,
     )
     theta, dtheta = m.coordinate("theta", "rad", "angle of the arm", bound=1e4, rate_bound=1e3)
     alpha, dalpha = m.coordinate(

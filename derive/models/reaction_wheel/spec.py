@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -19,6 +20,7 @@ def model() -> ModelSpec:
         source="M. W. Spong, P. Corke, R. Lozano, Nonlinear control of the Reaction Wheel "
         "Pendulum, Automatica 37(11), 1845-1851, 2001; the servo-constraint has the library's "
         "standard form",
+        domain=LABORATORY,
     )
     theta, dtheta = m.coordinate(
         "theta", "rad", "angle of the pendulum from the upright", bound=1e4, rate_bound=1e3

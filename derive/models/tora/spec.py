@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -15,6 +16,7 @@ def model() -> ModelSpec:
         source="R. T. Bupp, D. S. Bernstein, V. T. Coppola, A benchmark problem for nonlinear "
         "control design, Int. J. Robust and Nonlinear Control 8(4-5), 307-310, 1998; the "
         "servo-constraint has the library's standard form",
+        domain=LABORATORY,
     )
     x, dx = m.coordinate("x", "m", "position of the cart", bound=1e2, rate_bound=1e3)
     theta, dtheta = m.coordinate("theta", "rad", "angle of the arm", bound=1e4, rate_bound=1e4)

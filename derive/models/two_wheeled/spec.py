@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
+from pfaffian.derive.law_parameters import LABORATORY
 from pfaffian.derive.spec import ModelSpec
 
 
@@ -20,6 +21,7 @@ def model() -> ModelSpec:
         source="Y. Yamamoto, NXTway-GS model-based design: control of self-balancing two-wheeled "
         "robot built with LEGO Mindstorms NXT, 2008; the servo-constraint has the library's "
         "standard form",
+        domain=LABORATORY,
     )
     phi, dphi = m.coordinate("phi", "rad", "angle of the wheels", bound=1e4, rate_bound=1e3)
     psi, dpsi = m.coordinate("psi", "rad", "pitch from the upright", bound=1e4, rate_bound=1e3)
