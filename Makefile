@@ -36,7 +36,7 @@ machines: $(READY)
 prove: $(READY)
 	PFAFFIAN_PROVE_ALL=1 $(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py \
 	  tests/test_eva.py tests/test_eva_control.py tests/test_elementary_proofs.py \
-	  tests/test_c_contract.py
+	  tests/test_c_contract.py tests/test_arithmetic.py
 
 # The fuzzer for TIME seconds each on the step, the supervisor and the control; a million bit flips
 # in each part of the step and of the control, with their rates.

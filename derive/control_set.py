@@ -49,7 +49,7 @@ _SUPERVISOR = {
     "attempts": ("", 0),
 }
 _TOP = ("title", "source", "swing_up", "balance", "encoder", "capture", "release", "form")
-_TABLES = (*_TOP, "feedback", "rest", "plan", "supervisor")
+_TABLES = (*_TOP, "feedback", "rest", "plan", "rezero", "supervisor")
 Values = Mapping[str, Any]
 #: A limit that nothing reaches.
 _NONE = 1e300
@@ -137,6 +137,7 @@ def _own(
         schema[f"error_{c.name}"] = (c.unit, 0.0)
     schema["patience"] = ("s", 0.0)
     own |= {f"plan_{k}": v for k, v in _values(table, schema, f"{path}: plan").items()}
+    own |= _rezero(_table(document, "rezero", path), model, path)
     encoders = _table(document, "encoder", path)
     for c in model.coordinates:
         turns = _table(encoders, c.name, path).get("turns", c.unit == "rad")
@@ -158,6 +159,20 @@ def _own(
     own["swing_up"] = swing_up
     own["balance"] = _word(document, "balance", BALANCE_LAWS, "robust", f"{path}")
     return own
+
+
+def _rezero(table: Values, model: LoweredModel, path: Path) -> dict[str, float | int]:
+    """Return the known place of the order REZERO, and how long the plant must rest there."""
+    where = f"{path}: rezero"
+    schema: dict[str, tuple[str, Any]] = {c.name: (c.unit, 0.0) for c in model.coordinates}
+    values = _values(table, schema | {"periods": ("", 0)}, where)
+    if table and (values["periods"] < 1 or any(name not in table for name in schema)):
+        raise InputError(
+            f"{where} is not whole",
+            remedy=f"give periods, from 1, and the place: {', '.join(schema)}",
+        )
+    found: dict[str, float | int] = {f"home_{n}": values[n] for n in schema}
+    return {**found, "rezero_periods": values["periods"]}
 
 
 def _form(table: Values, model: LoweredModel, path: Path) -> dict[str, float]:

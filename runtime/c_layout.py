@@ -20,7 +20,8 @@ SENSING: Mapping[str, tuple[tuple[str, str], ...]] = {
         *((n, "f8") for n in ("error", "velocity", "radians_per_count", "offset", "sample_time")),
         *(("error_kept", "f8"), ("velocity_gain", "f8"), ("count", "i8")),
         *((n, "u4") for n in ("raw", "mask", "counter_zero", "largest_jump", "longest_gap")),
-        *((n, "u4") for n in ("missed", "ready", "started")),
+        *((n, "u4") for n in ("missed", "seen", "jumped", "lost", "rest", "resting")),
+        *((n, "u4") for n in ("ready", "started")),
     ),
     "output": (("angle", "f8"), ("velocity", "f8"), ("count", "i8")),
 }
@@ -45,6 +46,7 @@ SUPERVISOR: Mapping[str, tuple[tuple[Any, ...], ...]] = {
         ("measure", "f8", MEASURES),
         ("elapsed", "f8"),
         *((n, "u4") for n in ("measures", "frame", "heartbeat", "command", "checks")),
+        ("position", "u4"),
     ),
     "state": (
         ("log", "u4", (16, len(_TRANSITION))),

@@ -11,7 +11,7 @@ from typing import Any
 from pfaffian.runtime.errors import InputError
 
 #: Version of the layout of generated structures and functions; `runtime/c` checks it too.
-ABI_VERSION = 2
+ABI_VERSION = 3
 MANIFEST_NAME = "manifest.json"
 #: Roles in the order in which `pf_sizeof` of the harness numbers them.
 ROLES = (

@@ -22,8 +22,11 @@ from pfaffian.runtime.toolchain import compile_image, host_target, ppc750_target
 Array = np.ndarray[Any, Any]
 
 #: Statuses by their number in `pf_sensing_status_t`.
-STATUSES = ("ok", "missing", "jump", "stale", "bad parameter")
-OK, MISSING, JUMP, STALE, BAD_PARAMETER = range(len(STATUSES))
+STATUSES = (
+    *("ok", "missing", "jump", "stale", "bad parameter", "lost", "bad arithmetic"),
+    "not standing",
+)
+OK, MISSING, JUMP, STALE, BAD_PARAMETER, LOST, BAD_ARITHMETIC, NOT_STANDING = range(len(STATUSES))
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,25 @@ class SensingModule:
         )
         native = [output[n].astype(k) for n, k in SENSING["output"]]
         return Sensed(native[0], native[1], native[2], status.astype(np.int32))
+
+    def retune(self, state: Array, channels: Sequence[SensingParameters]) -> Array:
+        """Give the channels of `state` (k,) other parameters; return statuses (k,)."""
+        params = np.zeros(len(channels), self._type("params"))
+        for record, values in zip(params, map(_record, channels), strict=True):
+            for name, value in values.items():
+                record[name] = value
+        params.flags.writeable = False
+        status = np.zeros(len(state), self.machine.byte_order + "i4")
+        self.machine.call("pf_sensing_batch_retune", len(state), state, params, status)
+        return status.astype(np.int32)
+
+    def rezero(self, state: Array, angles: Sequence[float], periods: int) -> Array:
+        """Say that the shafts of `state` (k,) stand at `angles` [rad]; return statuses (k,)."""
+        given = np.array(angles, self.machine.byte_order + "f8")
+        given.flags.writeable = False
+        status = np.zeros(len(state), self.machine.byte_order + "i4")
+        self.machine.call("pf_sensing_batch_rezero", len(state), state, given, int(periods), status)
+        return status.astype(np.int32)
 
 
 def _record(parameters: SensingParameters) -> dict[str, float]:

@@ -36,6 +36,7 @@ class Order(IntEnum):
     START = 1
     STOP = 2
     RESET = 3
+    REZERO = 4
 
 
 class Fault(IntEnum):
@@ -55,6 +56,8 @@ class Fault(IntEnum):
     SWING_UP_TIMEOUT = 11
     ATTEMPTS = 12
     INTERFACE = 13
+    ARITHMETIC = 14
+    PARAMETER_FIXED = 15
 
 
 class Reason(IntEnum):
@@ -67,6 +70,18 @@ class Reason(IntEnum):
     RELEASED = 4
     FAULT = 5
     RESET = 6
+    NO_READING = 7
+    REZEROED = 8
+    REZERO_REFUSED = 9
+
+
+class Position(IntEnum):
+    """The bits of `position`."""
+
+    UNREAD = 0x1
+    REZEROED = 0x2
+    REFUSED = 0x4
+    LOST = 0x8
 
 
 class Check(IntEnum):
@@ -79,6 +94,8 @@ class Check(IntEnum):
     ENCODER_JUMP = 0x10
     STALE = 0x20
     NUMERIC = 0x40
+    ARITHMETIC = 0x80
+    PARAMETER_FIXED = 0x100
 
 
 #: Members of `pf_transition_t`, in the order of a row of the log.

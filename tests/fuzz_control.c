@@ -68,9 +68,9 @@ static void seal_supervisor(pf_supervisor_state_t *state)
 static void require_consistent(const PF_CONTROL_OUTPUT_T *output)
 {
     require(output->mode <= (uint32_t)PF_MODE_FAULT);
-    require(output->fault <= (uint32_t)PF_FAULT_INTERFACE);
+    require(output->fault <= (uint32_t)PF_FAULT_PARAMETER_FIXED);
     require((output->fault != 0U) == (output->mode == (uint32_t)PF_MODE_FAULT));
-    require(output->reason <= (uint32_t)PF_REASON_RESET);
+    require(output->reason <= (uint32_t)PF_REASON_REZERO_REFUSED);
     require(output->phase <= 2U);
     require(output->law_status <= 5U);
 }

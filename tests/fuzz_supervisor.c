@@ -90,9 +90,9 @@ static void require_consistent(const period_t *period, const pf_supervisor_outpu
     const int active = (output->mode == 1U) || (output->mode == 2U);
 
     require(output->mode <= (uint32_t)PF_MODE_FAULT);
-    require(output->fault <= (uint32_t)PF_FAULT_INTERFACE);
+    require(output->fault <= (uint32_t)PF_FAULT_PARAMETER_FIXED);
     require((output->fault != 0U) == (output->mode == (uint32_t)PF_MODE_FAULT));
-    require(output->reason <= (uint32_t)PF_REASON_RESET);
+    require(output->reason <= (uint32_t)PF_REASON_REZERO_REFUSED);
     require(output->entered <= 1U);
     require(output->torque_allowed == (active ? 1U : 0U));
     require(is_sound(&period->state));

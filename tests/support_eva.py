@@ -39,6 +39,8 @@ static double generated_fma_builtin(double a, double b, double c) {{ return a * 
 #include "pf_elementary_inline.h"
 #include "pf_scalar.h"
 {shown}
+#define pf_arithmetic_holds() 1
+#define pf_arithmetic_fuses() 1
 #define pf_abs(x) (((x) < 0.0) ? -(x) : (x))
 #define pf_fma(a, b, c) ((a) * (b) + (c))
 #define pf_fms(a, b, c) ((a) * (b) - (c))
@@ -105,6 +107,7 @@ def contracts():
 def driver(manifest, name, intervals):
     """Return the driver for one parameter set; `intervals` are (low, high) by member's path."""
     words = [*_INLINE, "pf_abs", "pf_fma", "pf_fms", "pf_fnms"]
+    words += ["pf_arithmetic_holds", "pf_arithmetic_fuses"]
     lines = [
         f"    {path} = Frama_C_double_interval({low!r}, {high!r});"
         for path, (low, high) in intervals.items()

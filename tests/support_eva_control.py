@@ -55,8 +55,8 @@ _ANY_MODE = """\
 """
 _CONSISTENT = """\
     /*@ assert mode: output.mode <= 3; */
-    /*@ assert fault: output.fault <= 13; */
-    /*@ assert reason: output.reason <= 6; */
+    /*@ assert fault: output.fault <= 15; */
+    /*@ assert reason: output.reason <= 9; */
     /*@ assert faulty: (output.fault != 0) <==> (output.mode == 3); */
 """
 SUPERVISOR = f"""\
@@ -101,12 +101,12 @@ int main(void)
         (void)pf_sensing_retune(&state, &params);
     }}
     status = pf_sensing_step(&state, &input, &output);
-    /*@ assert status: 0 <= status <= 4; */
+    /*@ assert status: 0 <= status <= 7; */
     /*@ assert written: \\initialized(&output.angle) && \\initialized(&output.velocity); */
     params.offset = Frama_C_double_interval(-1000.0, 1000.0);
     params.counts_per_turn = Frama_C_double_interval(4.0, 4294967296.0);
     status = pf_sensing_init(&state, &params);
-    /*@ assert status: status == 0 || status == 4; */
+    /*@ assert status: status == 0 || status == 4 || status == 6; */
     status = pf_sensing_step(&state, &input, &output);
     /*@ assert first: \\is_finite(output.angle) && \\is_finite(output.velocity); */
     return 0;
@@ -163,7 +163,8 @@ _HELP = {
         ),
         (
             "    if (value > limit) {",
-            "    /*@ admit !\\is_NaN(limit); */\n    if (value > limit) {",
+            "    /*@ admit !\\is_NaN(limit) && \\is_finite(limit) && limit >= 0.0; */\n"
+            "    if (value > limit) {",
         ),
         (
             "    whole = (double)(int32_t)",

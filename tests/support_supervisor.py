@@ -6,7 +6,15 @@ from math import isfinite
 
 import numpy as np
 from pfaffian.runtime.c_layout import SUPERVISOR
-from pfaffian.runtime.supervision import Check, Fault, Mode, Order, Reason, host_supervisor
+from pfaffian.runtime.supervision import (
+    Check,
+    Fault,
+    Mode,
+    Order,
+    Position,
+    Reason,
+    host_supervisor,
+)
 
 HOST = host_supervisor()
 PERIOD = 2.0**-10  # a power of two: no product below is rounded
@@ -169,17 +177,28 @@ class Reference:
                 too_late = self.late > self.forgiven
         silence = self.silent * Fraction(PERIOD)
         ranked = [(checks & bit, Fault[bit.name]) for bit in Check]
-        ranked += [(checks & ~0x7F or not 1 <= measures <= 8, Fault.INTERFACE)]
+        ranked += [(checks & ~sum(Check) or not 1 <= measures <= 8, Fault.INTERFACE)]
         ranked += [(whole is None, Fault.NOT_FINITE), (stale, Fault.STALE)]
         ranked += [(too_late, Fault.OVERRUN)]
         ranked += [(self.watchdog and silence > self.watchdog, Fault.WATCHDOG)]
         return next((fault for found, fault in ranked if found), Fault.NONE)
 
-    def step(self, *, command, measure, **seen):
+    def note(self, reason):
+        """Write down what became of an order, once for as long as it is given."""
+        if self.reason != reason:
+            shown, mode = self.frame or 0, int(self.mode)
+            self.log.append((self.calls, shown, mode, mode, int(reason), int(self.fault)))
+            self.reason = reason
+
+    def step(self, *, command, measure, position=0, **seen):
         """Return the outputs of one period; `measure` are those in use."""
         before, order = self.mode, command
         self.calls, self.age = self.calls + 1, self.age + 1
         wrong = self.find(**seen)
+        if position & Position.REZEROED:
+            self.note(Reason.REZEROED)
+        elif position & Position.REFUSED:
+            self.note(Reason.REZERO_REFUSED)
         if self.mode == Mode.FAULT:
             if order == Order.RESET and not wrong and self.trusted:
                 self.late = 0
@@ -189,7 +208,9 @@ class Reference:
         elif order == Order.STOP and self.mode != Mode.IDLE:
             self.go(Mode.IDLE, Fault.NONE, Reason.STOPPED)
         elif self.mode == Mode.IDLE:
-            if order == Order.START:
+            if order == Order.START and position & Position.UNREAD:
+                self.note(Reason.NO_READING)
+            elif order == Order.START:
                 self.lost = 0
                 self.go(Mode.SWING_UP, Fault.NONE, Reason.STARTED)
         elif self.mode == Mode.SWING_UP:

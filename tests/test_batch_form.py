@@ -125,7 +125,7 @@ def test_the_step_gives_the_bits_of_the_scalar_step_whatever_the_status(folder, 
     bad, status = both_steps(folder, batch, state, params, measured)
     assert not len(bad), bad[:5]
     seen = {folder.manifest.status[k] for k in status}
-    assert seen == set(folder.manifest.status)
+    assert seen == set(folder.manifest.status) - {"BAD_ARITHMETIC"}  # of init alone
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 31])

@@ -359,8 +359,9 @@ def test_every_build_gives_the_same_bits(compiler, flags, reference):
 @needs_fma
 def test_the_comparison_would_see_a_contraction(reference):
     """The step writes its multiply-adds itself; the steps of the simulated motion do not."""
-    found = everything(built("gcc", ("-O2", "-mfma", "-ffp-contract=fast")))
+    found = everything(built("gcc", ("-std=gnu99", "-O2", "-mfma", "-ffp-contract=fast")))
     assert found["5.dq1"] != reference["5.dq1"]
+    assert set(np.frombuffer(found["init"], np.int32)) == {MANIFEST.status.index("BAD_ARITHMETIC")}
 
 
 @pytest.fixture(scope="module")

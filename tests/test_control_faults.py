@@ -285,13 +285,18 @@ def test_a_bad_block_is_a_fault_until_a_good_one_is_sealed_and_reset(module, wha
     assert 0.0 < abs(board.torque()) <= 0.5
 
 
-def test_other_encoder_parameters_are_in_force_from_the_next_period(module):
-    board = Board(module, swing_up=ENERGY).started()
+@pytest.mark.parametrize("mode", [IDLE, SWING_UP])
+def test_other_encoder_parameters_are_in_force_from_the_next_period(module, mode):
+    board = Board(module, swing_up=ENERGY).brought_to(mode)
     before = board.state["q1_encoder"].copy()
-    board.change(q1_encoder__bandwidth=100.0, q1_encoder__offset=0.25)
+    board.change(q1_encoder__bandwidth=100.0)
+    names = ["velocity_gain", "error_kept"]
+    if mode == IDLE:  # in SWING_UP it would be a fault
+        board.change(q1_encoder__offset=0.25)
+        names.append("offset")
     board.step()
     after, fresh = board.state["q1_encoder"], module.init(board.params)[0]["q1_encoder"]
-    for name in ("velocity_gain", "error_kept", "offset"):
+    for name in names:
         assert after[name][0] == fresh[name][0] != before[name][0]
     assert after["count"][0] == before["count"][0] == HANGING
-    assert board.mode() == SWING_UP
+    assert board.mode() == mode

@@ -5,9 +5,10 @@ import subprocess
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from pfaffian.runtime.generated_model import open_generated
 from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.toolchain import controller_sources, harness_sources
+from pfaffian.runtime.toolchain import controller_sources, harness_sources, runtime_c
 from test_c_safety import garbage, sensible
 
 CHECKS = "address,undefined,float-cast-overflow"
@@ -140,3 +141,80 @@ def test_a_planted_fault_is_found(compiler, fault, tmp_path):
         ["./main"], cwd=tmp_path, input=packed(code, *batch), capture_output=True, check=False
     )
     assert done.returncode != 0
+
+
+# --- Memory that init has not prepared ------------------------------------------------------
+
+MODELS = sorted(p.parent.name for p in (REPOSITORY / "generated").glob("*/c"))
+UNPREPARED = """
+    {{
+        static {model}_state_t state;
+        {model}_params_t params = {model}_params_{name};
+        {model}_input_t input;
+        {model}_output_t output;
+
+        memset(&input, 0, sizeof input);
+        memset(&output, 1, sizeof output);
+        printf("%d ", (int){model}_step(&state, &params, &input, &output));
+        printf("%d ", (output.{torque} == 0.0) ? 0 : 1);
+        params.sample_time = -1.0;
+        printf("%d ", (int){model}_init(&state, &params)); /* leaves it zero */
+        printf("%d\\n", (int){model}_step(&state, &params, &input, &output));
+    }}
+"""
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc: apt-get install gcc")
+def test_a_zeroed_memory_is_refused_and_divides_nothing_by_zero_in_all_models(tmp_path):
+    blocks, sources, includes, wanted = [], [], [], []
+    for model in MODELS:
+        code = open_generated(model)
+        names, status = sorted(code.manifest.parameter_sets), code.manifest.status
+        blocks.append(
+            UNPREPARED.format(
+                model=model, name=names[0].replace("-", "_"), torque=code.manifest.actuators[0]
+            )
+        )
+        includes.append(f'#include "{code.path / "c" / model}.h"')
+        sources += [code.path / "c" / f"{model}{end}.c" for end in ("", "_params")]
+        unready, bad = status.index("NOT_READY"), status.index("BAD_PARAMETER")
+        wanted.append([unready, 0, bad, unready])
+    text = "\n".join(
+        ["#include <stdio.h>", "#include <string.h>", *includes, "int main(void)", "{"]
+    )
+    text += "".join(blocks) + "    return 0;\n}\n"
+    (tmp_path / "main.c").write_text(text)
+    command = ["gcc", "-std=c99", "-O1", "-ffp-contract=off", "-fno-math-errno"]
+    command += ["-fsanitize=undefined,float-divide-by-zero,float-cast-overflow"]
+    command += ["-fno-sanitize-recover=all", "main.c", *map(str, sources)]
+    command += [str(open_generated("pendubot").path / "c" / "pf_elementary.c"), "-o", "main", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    if done.returncode and "cannot find" in done.stderr:
+        pytest.skip("this gcc has no sanitizers")
+    assert done.returncode == 0, done.stderr
+    done = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [[int(w) for w in row.split()] for row in done.stdout.splitlines()] == wanted
+
+
+@pytest.mark.skipif(not shutil.which("clang"), reason="needs clang: apt-get install clang")
+def test_no_number_stands_where_a_condition_is_meant_in_any_model(tmp_path):
+    """`if (state->near_singular_)` asked a double; clang and gcc tell it as a conversion."""
+    command = ["clang", "-std=c99", "-fsyntax-only", "-ffp-contract=off", "-fno-math-errno"]
+    command += ["-Wconversion", "-Wfloat-conversion", "-Wextra", "-Werror"]
+    for model in MODELS:
+        c = open_generated(model).path / "c"
+        sources = sorted(p for p in c.glob("*.c") if p.name != "pf_elementary.c")
+        runtime = f"-I{runtime_c()}"
+        done = subprocess.run(
+            [*command, f"-I{c}", runtime, *map(str, sources)],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    (tmp_path / "planted.c").write_text(
+        "int planted(double x);\nint planted(double x)\n{\n    return x ? 1 : 0;\n}\n"
+    )
+    done = subprocess.run(
+        [*command, str(tmp_path / "planted.c")], capture_output=True, text=True, check=False
+    )
+    assert "-Wfloat-conversion" in done.stderr

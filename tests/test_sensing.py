@@ -13,7 +13,9 @@ from pfaffian.runtime.sensing import (
     BAD_PARAMETER,
     ESTIMATORS,
     JUMP,
+    LOST,
     MISSING,
+    NOT_STANDING,
     OK,
     STALE,
     Encoder,
@@ -199,9 +201,97 @@ def test_same_value_again_and_again_is_no_fault_but_no_reading_is():
     assert (run(PAPER, raw).status == OK).all()  # after another init
 
 
-def test_jump_that_stays_ends_in_a_stale_channel():
-    found = run(PAPER, np.r_[np.zeros(5, int), np.full(20, 50_000)])
-    assert found.status[5:, 0].tolist() == [*[JUMP] * 9, *[STALE] * 11]
+@pytest.mark.parametrize("shift", [101, 150, 250, 50_000])
+def test_a_jump_that_stays_is_a_lost_position_and_never_motion(shift):
+    """A shift within reach of two or more periods was taken as motion a period later."""
+    moving = 3 * np.arange(60)
+    found = run(PAPER, moving + np.where(np.arange(60) < 20, 0, shift))
+    assert found.status[20:, 0].tolist() == [JUMP, *[LOST] * 39]
+    assert (found.count[20:] == moving[19]).all()
+    assert (found.velocity[20:] == found.velocity[19]).all()
+
+
+def test_a_counter_that_comes_back_later_is_as_lost_as_before():
+    found = run(PAPER, [0, 0, 5000, 5000, 0, 0, 0])
+    assert found.status[:, 0].tolist() == [OK, OK, JUMP, LOST, LOST, LOST, LOST]
+
+
+def test_a_jump_behind_which_no_reading_follows_is_a_lost_position():
+    found = run(PAPER, [0, 0, 5000, 0, 0], valid=[True, True, True, False, True])
+    assert found.status[:, 0].tolist() == [OK, OK, JUMP, LOST, LOST]
+
+
+@pytest.mark.parametrize("lost", [LOST, STALE])
+def test_a_position_is_known_again_where_it_is_said_and_nowhere_else(lost):
+    state, angle = HOST.init([PAPER]), -0.5 * math.pi
+    gone = [np.r_[np.full(5, 7), np.full(5, 9000)], np.ones(10)]
+    if lost == STALE:
+        gone = [np.full(20, 7), np.r_[1, np.zeros(19)]]
+    found = HOST.run(state, gone[0].astype(np.uint32)[:, None], gone[1].astype(np.uint32)[:, None])
+    assert found.status[-1, 0] == lost
+    rest = np.array([9000, 9001, 9000, 9000, 9001], np.uint32)[:, None]
+    assert (HOST.run(state, rest).status == lost).all()
+    before = state.copy()
+    assert HOST.rezero(state, [angle], 50).tolist() == [NOT_STANDING]
+    for bad in (math.nan, math.inf, -1000.1, 1e300):
+        assert HOST.rezero(state, [bad], 1).tolist() == [BAD_PARAMETER]
+    assert HOST.rezero(state, [angle], 0).tolist() == [NOT_STANDING]
+    assert state.tobytes() == before.tobytes()
+    assert HOST.rezero(state, [angle], 5).tolist() == [OK]
+    after = HOST.run(state, np.arange(9002, 9012, dtype=np.uint32)[:, None])
+    assert (after.status == OK).all()
+    assert after.count[:, 0].tolist() == list(range(-1249, -1239))
+    assert after.angle[0, 0] == pytest.approx(angle + QUANTUM, abs=1e-12)
+
+
+def test_readings_that_move_or_are_missing_are_not_at_rest():
+    for raw, valid in (
+        ([0, 1, 2, 3, 4, 5], True),
+        ([0, 0, 0, 0, 2, 2], True),
+        ([0, 0, 0, 0, 0, 0], [True] * 4 + [False, True]),
+        ([0, 0, 0, 0, 0, 0], [True] * 5 + [False]),
+    ):
+        state = HOST.init([PAPER])
+        given = np.asarray(valid)[:, None] if isinstance(valid, list) else valid
+        HOST.run(state, np.array(raw, np.uint32)[:, None], given)
+        assert HOST.rezero(state, [0.0], 4).tolist() == [NOT_STANDING]
+
+
+@pytest.mark.target
+def test_the_target_sets_the_same_position():
+    rng = np.random.default_rng(8)
+    channels = [
+        replace(PAPER, counts_per_turn=float(n), offset=float(o), direction=int(d))
+        for n, o, d in zip(
+            10.0 ** rng.uniform(1.0, 9.6, 200), rng.normal(0.0, 9.0, 200),
+            rng.choice([-1, 1], 200), strict=True,
+        )
+    ]  # fmt: skip
+    angles, raw = rng.uniform(-1000.0, 1000.0, 200), np.full((3, 200), 77, np.uint32)
+    rows = []
+    for module in (HOST, ppc750_sensing()):
+        state = module.init(channels)
+        module.run(state, raw)
+        assert (module.rezero(state, angles, 3) == OK).all()
+        rows.append(module.run(state, raw[:1]))
+    exact = (angles - [c.offset for c in channels]) / [
+        2 * math.pi / c.counts_per_turn for c in channels
+    ]
+    exact = exact * [c.direction for c in channels]
+    assert (np.abs(rows[0].count[0] - exact) <= 0.5 + 1e-9 * np.abs(exact)).all()
+    assert rows[0].count.tobytes() == rows[1].count.tobytes()
+    assert rows[0].angle.tobytes() == rows[1].angle.tobytes()
+
+
+def test_another_angle_of_a_count_starts_the_velocity_afresh():
+    """Else it stood in the old unit, or had the old sign."""
+    state = HOST.init([PAPER])
+    HOST.run(state, (10 * np.arange(500)).astype(np.uint32)[:, None])
+    assert state["velocity"][0] > 10.0
+    for change, kept in (({"bandwidth": 100.0}, True), ({"direction": -1}, False)):
+        before = float(state["velocity"][0])
+        assert HOST.retune(state, [replace(PAPER, **change)]).tolist() == [OK]
+        assert float(state["velocity"][0]) == (before if kept else 0.0)
 
 
 _BAD = [
@@ -266,7 +356,7 @@ def garbage(count, channels, seed):
 def test_garbage_gives_finite_and_bounded_outputs(seed):
     raw, valid = garbage(3000, len(CORNERS), seed)
     found = HOST.run(HOST.init(CORNERS), raw, valid)
-    assert set(np.unique(found.status)) <= {OK, MISSING, JUMP, STALE}
+    assert set(np.unique(found.status)) <= {OK, MISSING, JUMP, STALE, LOST}
     assert np.isfinite(found.angle).all()
     # A change of more than largest_jump a period is never let in; with damping 0.5 or more the
     # estimators pass on at most 1/tanh(0.907) = 1.39 times the largest velocity they see.
@@ -314,7 +404,10 @@ def test_host_and_powerpc_give_the_same_bits(toolchain):
     rng = np.random.default_rng(11)
     walk = np.cumsum(rng.integers(-40, 61, (20_000, len(channels))), axis=0)
     valid = rng.random(walk.shape) > 0.05
-    walk[rng.random(walk.shape) < 0.01] += 5000
+    hit = rng.random(walk.shape) < 0.01
+    hit[1:] &= ~hit[:-1]  # a glitch of one period, and a reading behind it
+    walk[hit] += 5000
+    valid[1:] |= hit[:-1]
     here = HOST.run(HOST.init(channels), walk.astype(np.uint32), valid)
     there = target.run(target.init(channels), walk.astype(np.uint32), valid)
     assert set(np.unique(here.status)) == {OK, MISSING, JUMP}

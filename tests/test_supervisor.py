@@ -12,6 +12,7 @@ from pfaffian.runtime.supervision import (
     Fault,
     Mode,
     Order,
+    Position,
     Reason,
     SupervisorModule,
     supervisor_sources,
@@ -27,7 +28,7 @@ from support_supervisor import (
 )
 
 IDLE, SWING_UP, BALANCE, FAULT = Mode
-NONE, START, STOP, RESET = Order
+NONE, START, STOP, RESET, REZERO = Order
 FOLDER = supervisor_sources()[0].parent
 
 
@@ -61,7 +62,34 @@ def test_stop_ends_every_active_mode_and_start_leaves_idle_only(mode):
     assert expected(unit.run(command=START)[0]) == (SWING_UP, 0, Reason.STARTED, 1, 1)
 
 
-@pytest.mark.parametrize("command", [RESET, 4, 0x80000001, 0xFFFFFFFF])
+def test_start_is_refused_for_as_long_as_an_encoder_has_given_no_reading():
+    unit = Unit()
+    unit.run(1)
+    for _ in range(3):
+        out = unit.run(1, command=START, position=Position.UNREAD)[0]
+        assert expected(out) == (IDLE, 0, Reason.NO_READING, 0, 0)
+    assert [row[2:] for row in unit.log()] == [(IDLE, IDLE, Reason.NO_READING, 0)]  # once
+    assert expected(unit.run(1, command=START)[0]) == (SWING_UP, 0, Reason.STARTED, 1, 1)
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize(
+    ("bit", "reason"),
+    [
+        (Position.REZEROED, Reason.REZEROED),
+        (Position.REFUSED, Reason.REZERO_REFUSED),
+        (Position.REZEROED | Position.REFUSED, Reason.REZEROED),
+    ],
+)
+def test_what_became_of_a_rezero_is_told_once_and_changes_no_mode(mode, bit, reason):
+    unit = Unit(capture_periods=10).bring_to(mode)
+    before, fault = len(unit.log()), int(unit.state["fault"][0])
+    for out in unit.run(4, command=REZERO, position=bit):
+        assert expected(out) == (mode, fault, reason, 0, mode in (SWING_UP, BALANCE))
+    assert [row[2:] for row in unit.log()[before:]] == [(mode, mode, reason, fault)]
+
+
+@pytest.mark.parametrize("command", [RESET, 4, 5, 0x80000001, 0xFFFFFFFF])
 @pytest.mark.parametrize("mode", [IDLE, SWING_UP, BALANCE])
 def test_reset_outside_fault_and_unknown_commands_do_nothing(mode, command):
     unit = Unit(capture_periods=100).bring_to(mode)
@@ -113,7 +141,7 @@ IN_INPUT = {
     "one measure too many": ({"measures": 9}, Fault.INTERFACE),
     "measures garbled": ({"measures": 0xFFFFFFFF}, Fault.INTERFACE),
     **{f"check {b.name}": ({"checks": b}, Fault[b.name]) for b in Check},
-    **{f"unknown check {k}": ({"checks": 1 << k}, Fault.INTERFACE) for k in range(7, 32)},
+    **{f"unknown check {k}": ({"checks": 1 << k}, Fault.INTERFACE) for k in range(9, 32)},
 }
 AT_BALANCE = {
     name: (lambda unit, columns=columns: unit.run(1, **columns), fault)
@@ -311,7 +339,7 @@ def test_start_gives_all_attempts_again_and_none_are_counted_with_zero():
 
 
 def test_trip_stops_at_once_keeps_the_first_fault_and_takes_no_unknown_one():
-    for number, fault in ((Fault.RANGE, Fault.RANGE), (0, Fault.NUMERIC), (14, Fault.NUMERIC),
+    for number, fault in ((Fault.RANGE, Fault.RANGE), (0, Fault.NUMERIC), (16, Fault.NUMERIC),
                           (0xFFFFFFFF, Fault.NUMERIC)):  # fmt: skip
         unit = Unit().bring_to(BALANCE)
         out = unit.run(1)
@@ -331,6 +359,7 @@ def test_names_are_those_of_the_header_and_the_table_in_the_docs_has_every_fault
         ("PF_FAULT_", Fault),
         ("PF_REASON_", Reason),
         ("PF_CHECK_", Check),
+        ("PF_POSITION_", Position),
     ):
         found = re.findall(rf"\b{prefix}(\w+) =? ?(0x[0-9a-f]+|\d+)", header)
         assert {n: int(value, 0) for n, value in found} == {n.name: n.value for n in names}

@@ -111,8 +111,8 @@ static int is_valid(const pf_supervisor_output_t *out)
 {
     const int active = (out->mode == PF_MODE_SWING_UP) || (out->mode == PF_MODE_BALANCE);
 
-    return (out->mode <= PF_MODE_FAULT) && (out->fault <= PF_FAULT_INTERFACE)
-        && (out->reason <= PF_REASON_RESET) && (out->torque_allowed == (active ? 1U : 0U));
+    return (out->mode <= PF_MODE_FAULT) && (out->fault <= PF_FAULT_PARAMETER_FIXED)
+        && (out->reason <= PF_REASON_REZERO_REFUSED) && (out->torque_allowed == (active ? 1U : 0U));
 }
 
 int main(void)
@@ -149,6 +149,7 @@ int main(void)
             fill(in.words, sizeof(in) / 4);
             if ((any() & 31U) != 0U) {
                 in.of.checks = 0U;
+                in.of.position &= ~PF_POSITION_UNREAD;
                 in.of.measures = 1U + (any() & 7U);
                 in.of.elapsed = 1e-3;
                 in.of.measure[0] = (double)(any() & 3U);

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from pfaffian.runtime.supervision import Check, Fault, Mode, Order, ppc750_supervisor
+from pfaffian.runtime.supervision import (
+    Check,
+    Fault,
+    Mode,
+    Order,
+    Position,
+    Reason,
+    ppc750_supervisor,
+)
 from support_supervisor import (
     BETWEEN,
     HOST,
@@ -25,10 +33,11 @@ from support_supervisor import (
 )
 
 COUNTS = st.integers(1, 4)
-ORDERS = st.sampled_from([0, 0, 0, *Order, *Order, 4, 0xFFFFFFFF])
+ORDERS = st.sampled_from([0, 0, 0, *Order, *Order, 5, 0xFFFFFFFF])
+POSITIONS = st.sampled_from([0, *Position, 0x3, 0x6, 0xFFFFFFF0])
 MEASURES = st.sampled_from([0.0, INSIDE, 1.0, BETWEEN, 2.0, OUTSIDE, -0.1, np.nan, np.inf, 1e301])
 ELAPSED = st.sampled_from([0.5, 1.0, 1.5, 0.4999, 1.5001, 0.0, -1.0, 1e300, np.nan, -np.inf])
-CHECKS = st.sampled_from([*Check, 0x80, 0x80000000, 0x7F, 0xFFFFFFFF, 0x8008])
+CHECKS = st.sampled_from([*Check, 0x200, 0x80000000, 0x1FF, 0xFFFFFFFF, 0x8008])
 
 
 class AgainstTheReference(RuleBasedStateMachine):
@@ -56,11 +65,14 @@ class AgainstTheReference(RuleBasedStateMachine):
         self.reference.timeout = timeout * Fraction(PERIOD)
         self.beat = self.frame = 0
 
-    def period(self, order=0, inner=INSIDE, outer=INSIDE, checks=0, measures=2, elapsed=1.0):
+    def period(
+        self, order=0, inner=INSIDE, outer=INSIDE, checks=0, measures=2, elapsed=1.0, position=0
+    ):
         """Give both the same period and compare what they say; return it."""
         given = periods(1, self.frame)
         given["heartbeat"], given["command"], given["checks"] = self.beat, order, checks
         given["measures"], given["elapsed"] = measures, elapsed * PERIOD
+        given["position"] = position
         given["measure"] = np.inf  # beyond those in use: not looked at
         given["measure"][0, 0, :2] = inner, outer
         if measures > 2:
@@ -68,6 +80,7 @@ class AgainstTheReference(RuleBasedStateMachine):
         out = self.unit.feed(given)
         wanted = self.reference.step(
             command=order,
+            position=position,
             measure=(inner, outer)[:measures],
             checks=int(checks),
             measures=measures,
@@ -83,6 +96,12 @@ class AgainstTheReference(RuleBasedStateMachine):
         for _ in range(count):
             self.frame, self.beat = self.frame + 1, self.beat + 1
             self.period(order, inner, outer, measures=2)
+
+    @rule(order=ORDERS, position=POSITIONS, count=st.integers(1, 3))
+    def know_the_position_or_not(self, order, position, count):
+        for _ in range(count):
+            self.frame, self.beat = self.frame + 1, self.beat + 1
+            self.period(order, position=position)
 
     @rule(count=st.integers(1, 40), order=ORDERS, measure=MEASURES)
     def stay(self, count, order, measure):
@@ -177,7 +196,7 @@ def likely(rng, count):
     params[: count // 2] = parameters(watchdog_time=3.0, swing_up_timeout=2.0, attempts=2)
     for name in ("capture_periods", "release_periods", "attempts", "overruns"):
         params[name] >>= rng.integers(0, 32, count).astype(np.uint32)
-    ranges = {"mode": 4, "ready": 2, "reason": 7, "started": 2}
+    ranges = {"mode": 4, "ready": 2, "reason": len(Reason), "started": 2}
     for name, below in ranges.items():
         state[name] %= below
     faulty = state["mode"] == Mode.FAULT
@@ -194,6 +213,7 @@ def likely(rng, count):
     given["checks"] = np.where(rng.random(count) < 0.8, 0, given["checks"] & given["measures"])
     given["measures"] = np.where(rng.random(count) < 0.9, given["measures"] % 10, given["measures"])
     given["command"] = np.where(rng.random(count) < 0.9, given["command"] % 5, given["command"])
+    given["position"] = np.where(rng.random(count) < 0.8, 0, given["position"])
     given["elapsed"] = np.where(rng.random(count) < 0.8, PERIOD, given["elapsed"])
     usual = rng.choice([INSIDE, BETWEEN, OUTSIDE], (count, 8), p=[0.8, 0.1, 0.1])
     given["measure"] = np.where(rng.random((count, 8)) < 0.9, usual, given["measure"])
@@ -207,7 +227,7 @@ def assert_valid(out):
     """Check that outputs are in their enumerations, and torque where it may be."""
     assert (out["mode"] <= max(Mode)).all()
     assert (out["fault"] <= max(Fault)).all()
-    assert (out["reason"] <= 6).all()
+    assert (out["reason"] <= max(Reason)).all()
     assert (out["entered"] <= 1).all()
     active = (out["mode"] == Mode.SWING_UP) | (out["mode"] == Mode.BALANCE)
     assert (out["torque_allowed"] == active).all()
@@ -233,7 +253,7 @@ def test_any_of_a_million_random_bit_patterns_gives_valid_outputs(part):
     assert_valid(garbage)
     assert (garbage["mode"] == Mode.FAULT).all()
     if part:  # nothing of that is empty
-        for name, values in (("mode", Mode), ("fault", Fault), ("reason", range(7))):
+        for name, values in (("mode", Mode), ("fault", Fault), ("reason", Reason)):
             assert set(np.unique(out[name])) == {int(v) for v in values}
 
 
@@ -260,7 +280,11 @@ def flight(rng, number, count):
     )
     given["elapsed"] *= 1.0 + rng.normal(0.0, 0.25, (number, count))
     rare = rng.random((number, count)) < 0.005
-    given["checks"] = np.where(rare, rng.integers(0, 512, (number, count)), 0)
+    known = rng.integers(0, 512, (number, count))
+    unknown = rng.random((number, count)) < 0.05
+    given["checks"] = np.where(rare, np.where(unknown, 0x200, known), 0)
+    seldom = rng.random((number, count)) < 0.05
+    given["position"] = np.where(seldom, rng.integers(0, 16, (number, count)), 0)
     still = rng.random((number, count)) < 0.3
     given["heartbeat"] = np.cumsum(~still, axis=0)
     frozen = rng.random((number, count)) < 0.002
@@ -303,7 +327,7 @@ def test_target_treats_random_bits_as_the_host_does():
     for module in (HOST, target):
         memory = state.astype(module.type("state"))
         out = module.run(memory, params, given[None])[0]
-        module.trip(memory, np.arange(5000) % 16, out)
+        module.trip(memory, np.arange(5000) % 18, out)
         found.append((out.astype(HOST.type("output")), memory.astype(HOST.type("state"))))
     assert (found[0][0] == found[1][0]).all()
     assert (found[0][1] == found[1][1]).all()

@@ -1,6 +1,8 @@
 """Targets are data: each file builds, for the machine it names, and a new target is a new file."""
 
 import io
+import os
+import re
 import shutil
 import subprocess
 from importlib.resources import files
@@ -15,7 +17,7 @@ from pfaffian.runtime.firmware import build_controller
 from pfaffian.runtime.generated_model import emulated_model, host_model, open_generated
 from pfaffian.runtime.stack import stack_bound
 from pfaffian.runtime.target_files import read_target, target_paths
-from pfaffian.runtime.toolchain import find_target
+from pfaffian.runtime.toolchain import find_target, runtime_c
 from test_same_bits import stepped
 
 FOLDER = open_generated("pendubot")
@@ -276,6 +278,48 @@ def test_the_emitted_makefile_refuses_an_unknown_target_and_takes_one_of_ones_ow
     assert code == 0
     assert "my-gcc -std=c99" in said
     assert "-mcpu=mine" in said
+
+
+@needs_make
+def test_the_emitted_makefile_rebuilds_what_a_change_concerns(made, tmp_path):
+    """A header, a flag, another RUNTIME: none of them was noticed, or all was made each time."""
+    c, runtime = tmp_path / "c", tmp_path / "runtime"
+    shutil.copytree(made, c, ignore=shutil.ignore_patterns("build"))
+    shutil.copytree(runtime_c(), runtime)
+
+    def made_again(*words):
+        code, said = shell(["make", *words], c)
+        assert code == 0, said
+        return sorted(set(re.findall(r" -c (?:\S*/)?(\w+)\.c ", said))), "rcsD" in said
+
+    def touch(path):
+        for known in (*c.rglob("*"), *runtime.rglob("*")):
+            os.utime(known, (1e9, 1e9))
+        os.utime(path, (1e9 + 2.0, 1e9 + 2.0))
+
+    everything = made_again()[0]
+    assert {"pendubot", "pendubot_plant", "pf_elementary"} <= set(everything)
+    assert made_again() == ([], False)
+    touch(c / "pendubot_swing_up.h")
+    assert made_again() == (["pendubot_swing_up"], True)
+    touch(c / "pendubot_plant.c")
+    assert made_again()[0] == ["pendubot_plant"]
+    assert made_again("CFLAGS=-DWHAT='\"it is\"'")[0] == everything
+    assert made_again("CFLAGS=-DWHAT='\"it is\"'") == ([], False)
+    assert made_again()[0] == everything
+    whole = made_again(f"RUNTIME={runtime}")[0]
+    assert {"pf_sensing", "pf_supervisor", "pendubot_control"} < set(whole)
+    members = shell(["ar", "t", "build/host/libpendubot.a"], c)[1]
+    assert "pf_sensing.o" in members
+    touch(runtime / "pf_sensing.h")
+    assert made_again(f"RUNTIME={runtime}")[0] == [
+        "pendubot_control",
+        "pendubot_control_params",
+        "pf_sensing",
+    ]
+    assert made_again(f"RUNTIME={runtime_c()}")[0] == whole, "those of another folder"
+    assert made_again()[1]
+    assert "pf_sensing.o" not in shell(["ar", "t", "build/host/libpendubot.a"], c)[1]
 
 
 @needs_make

@@ -9,7 +9,7 @@ from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bou
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.local_names import C_PLANT_LOCALS, C_SAMPLE_LOCALS
 from pfaffian.derive.emit.precision import DOUBLE
-from pfaffian.derive.emit.structures import structures_of
+from pfaffian.derive.emit.structures import structures_of, witness_of
 from pfaffian.derive.program import Op, Signal
 from pfaffian.runtime.manifest import Structure
 
@@ -108,6 +108,7 @@ def emit_batch(emission: Emission) -> dict[str, str]:
         "coordinates": [c.name for c in model.coordinates],
         "step": step,
         "checked": checked,
+        "witness": witness_of(structures, emission.prepare),
         "next_state": [s.name for s in emission.step.outputs if s.group == "next_state"],
         "acceleration": body_of(model.program("acceleration"), plant, of_plant),
     }

@@ -27,7 +27,7 @@ from pfaffian.derive.emit.statements import (
     statements_of,
     with_local_names,
 )
-from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.optimise.ranges import Range, unbounded
 from pfaffian.derive.program import Program, Signal, restricted
@@ -224,6 +224,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
+        "witness": witness_of(structures, emission.prepare),
         "sets": _set_contexts(emission, structures["params"]),
         "parameter_bounds": [
             *_bounds(model, structures["params"], precision),
@@ -256,6 +257,7 @@ def emit_c(emission: Emission) -> dict[str, str]:
     if swings:
         context |= _swing_up(model, precision)
     for template, path in (
+        ("pf_arithmetic.h", f"pf_arithmetic{precision.suffix}.h"),
         ("pf_scalar.h", f"pf_scalar{precision.suffix}.h"),
         ("pf_model.h", "pf_model.h"),
         ("params.h", f"{model.name}_params.h"),

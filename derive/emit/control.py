@@ -20,6 +20,8 @@ from pfaffian.runtime.manifest import ABI_VERSION, MEMBER_TYPES, Field, Structur
 
 _U32, _REAL = "uint32_t", "double"
 _KINDS = {_U32: "u4", _REAL: "f8"}
+#: Members of an encoder's parameters that say where the plant is: they may change at rest only.
+FIXED_ENCODER = ("counts_per_turn", "offset", "counter_bits", "counter_zero", "direction")
 #: Endings of the same place in other turns.
 _TURNS = ("_near", "_place")
 
@@ -71,7 +73,12 @@ def _params(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field
         yield Field(f"plan_error_{c.name}", _REAL, c.unit, "beyond it the plan is left")
     yield Field("plan_patience", _REAL, "s", "time after the plan's end until it is left")
     for c in model.coordinates:
+        yield Field(f"home_{c.name}", _REAL, c.unit, f"{c.name} at the known place of REZERO")
+    for c in model.coordinates:
         yield Field(f"{c.name}_turns", _U32, "", "1 where a whole turn is the same place")
+    yield Field(
+        "rezero_periods", _U32, "", "at rest before REZERO is obeyed; 0 where no place is known"
+    )
     yield Field("plan", _U32, "", "number of the plan, from 1; 0 for none")
     yield Field("swing_up", _U32, "", "law of SWING_UP")
     yield Field("balance", _U32, "", "law of BALANCE")
@@ -100,7 +107,8 @@ def _state(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field]
     yield Field("periods", _U32, "", "since the law was engaged")
     yield Field("phase", _U32, "", "what SWING_UP does")
     yield Field("checksum", _U32, "", "of the parameters last judged")
-    yield Field("ready", _U32, "", "1 where init found the parameters good")
+    yield Field("fixed", _U32, "", "of those among them that may change at rest only")
+    yield Field("ready", _U32, "", "1 where init found the parameters good, 2 bad arithmetic")
     yield Field("seal", _U32, "", "checksum of all but the supervisor's memory")
 
 
@@ -119,7 +127,8 @@ def _output(model: LoweredModel, law: Mapping[str, Structure]) -> Iterable[Field
         ("fault", "one of pf_fault_t"),
         ("reason", "of the last transition, one of pf_reason_t"),
         ("phase", "what SWING_UP does"),
-        ("law_status", "status of the law in use"),
+        ("position", "PF_POSITION_ bits: what is known of it, what became of REZERO"),
+        ("law_status", "status of the law in use, also where it is the reason of a fault"),
     ):
         yield Field(name, _U32, "", text)
 
@@ -176,6 +185,7 @@ def _context(emission: Emission) -> dict[str, object]:
         "own_doubles": doubles,
         "own_words": [f.name for f in members if f.type == _U32],
         "tolerances": [n for n in doubles if n.startswith("plan_")],
+        "fixed_encoder": _sums("encoder", [m for m in SENSING["params"] if m[0] in FIXED_ENCODER]),
         "form": form_names(model),
         "residuals": model.own.numbered("s"),
         "threshold": "singular_threshold",

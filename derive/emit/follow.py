@@ -6,7 +6,7 @@ from pfaffian.derive.emit.c import body_of, dialect_of, domain, pointers
 from pfaffian.derive.emit.emitter import Emission, comment_text, fill, input_bounds, snake
 from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.plan_table import PlanTable, reference_members
-from pfaffian.derive.emit.structures import structures_of
+from pfaffian.derive.emit.structures import structures_of, witness_of
 
 
 def emit_follow(emission: Emission) -> dict[str, str]:
@@ -38,6 +38,7 @@ def emit_follow(emission: Emission) -> dict[str, str]:
         "members": [{"name": m, "text": comment_text(_described(*units[m]))} for m in names],
         "domain": domain(model, precision),
         "limits": model.limits,
+        "witness": witness_of(structures, emission.prepare),
         "outputs": structures["output"].names(),
         "step": body,
         "checked": [body.results[name] for name in checks],

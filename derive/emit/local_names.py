@@ -10,7 +10,7 @@ from __future__ import annotations
 C_LOCALS = frozenset(
     "acceleration_of_sample baked baked_values balancing checks clear_state encoder finite "  # noqa: SIM905
     "finding_of good input jacobian law limited measurement_is_valid move next number out output "
-    "parameters_are_valid params place plant reading reference rejected sense state status "
+    "parameters_are_valid params place plant reading ready reference rejected sense state status "
     "step_of_sample valid".split()
 )
 #: What the functions of the plant name besides.
@@ -19,8 +19,8 @@ C_PLANT_LOCALS = frozenset({"rate"})
 C_SAMPLE_LOCALS = frozenset({"engaged", "engaged_next"})
 #: Arguments, variables, and what the bodies refer to of their module, in the NumPy modules.
 PYTHON_LOCALS = frozenset(
-    "BAD_INPUT BAD_PARAMETER ClosedLoopJacobian ContinuousOutput NEAR_SINGULAR NUMERIC OK Output "  # noqa: SIM905
-    "PlantJacobian PlantRate SATURATED State StepJacobian SwingUpOutput advanced applied finite "
-    "good input limited measured np output params plant prepared reference state status "
-    "valid".split()
+    "BAD_ARITHMETIC BAD_INPUT BAD_PARAMETER ClosedLoopJacobian ContinuousOutput NEAR_SINGULAR "  # noqa: SIM905
+    "NOT_READY NUMERIC OK Output PlantJacobian PlantRate SATURATED State StepJacobian "
+    "SwingUpOutput advanced applied finite good input limited measured np output params plant "
+    "prepared ready reference state status valid".split()
 )

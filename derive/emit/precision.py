@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import struct
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -114,6 +115,8 @@ class Precision:
             "f": self.suffix,
             "guard_f": self.suffix.upper(),
             "step_header": self.step_header,
+            "bits": "32" if self.suffix else "64",
+            "largest": self.literal(LARGEST_SINGLE if self.suffix else sys.float_info.max),
         }
 
     def check_set(self, parameters: tuple[Parameter, ...], values: ParameterSet) -> None:

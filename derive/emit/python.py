@@ -17,7 +17,7 @@ from pfaffian.derive.emit.finite import with_checks
 from pfaffian.derive.emit.local_names import PYTHON_LOCALS
 from pfaffian.derive.emit.precision import DOUBLE
 from pfaffian.derive.emit.statements import Dialect, Statement, statements_of, with_local_names
-from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of
+from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.optimise.ranges import unbounded
 from pfaffian.derive.program import Op, Program, Signal
 
@@ -123,6 +123,7 @@ def emit_python(emission: Emission) -> dict[str, str]:
             }
             for role, s in structures.items()
         ],
+        "witness": witness_of(structures, emission.prepare),
         "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
         "sets": [
             {

@@ -66,6 +66,9 @@ _INFIX = {
     Op.DIV: ("/", _PRODUCT),
 }
 
+#: How many of the first arguments are conditions.
+_CONDITIONS = {Op.NOT: 1, Op.AND: 2, Op.OR: 2, Op.SELECT: 1}
+
 
 class _Writer:
     def __init__(
@@ -173,7 +176,11 @@ class _Writer:
         truth = self._truth(instruction)
         if truth:
             return _Text(truth, _ATOM)
-        parts = [self.texts[a] for a in instruction.args]
+        conditions = _CONDITIONS.get(instruction.op, 0)
+        parts = [
+            self.truth_of(a) if k < conditions else self.texts[a]
+            for k, a in enumerate(instruction.args)
+        ]
         if instruction.op in _INFIX:
             sign, level = _INFIX[instruction.op]
             left = self._wrapped(parts[0], level)
@@ -189,6 +196,13 @@ class _Writer:
             for k, p in enumerate(parts)
         ]
         return _Text(pattern.format(*slots), _ATOM if atom else 0)
+
+    def truth_of(self, index: int) -> _Text:
+        """Return value `index` as a condition: a number, such as a flag prepared, is compared."""
+        text = self.texts[index]
+        if self.program.instructions[index].op in LOGICAL:
+            return text
+        return _Text(f"({self._wrapped(text, _SUM)} != {self.dialect.literal(0.0)})", _ATOM)
 
     @staticmethod
     def _inside_call(pattern: str, slot: int) -> bool:
@@ -256,7 +270,9 @@ def statements_of(
     writer = _Writer(program, dialect, renamed or {}, inputs or {}, bounds or {})
     statements = tuple(writer.write())
     results = {
-        signal.name: writer.texts[index].text
+        signal.name: (
+            writer.truth_of(index) if signal.group == "flag" else writer.texts[index]
+        ).text
         for signal, index in zip(program.outputs, program.results, strict=True)
     }
     return statements, results

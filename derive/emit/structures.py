@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import TIME_NAME, Program, Signal
+from pfaffian.derive.program import TIME_NAME, Op, Program, Signal
 from pfaffian.runtime.manifest import Field, Structure
 
-STATUS = ("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC")
+STATUS = (
+    *("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC"),
+    *("NOT_READY", "BAD_ARITHMETIC"),
+)
 STATUS_TEXT = {
     "OK": "the law was applied as derived",
     "SATURATED": "the torque is at its limit; integral and adaptation are held",
@@ -14,7 +19,23 @@ STATUS_TEXT = {
     "BAD_INPUT": "a measurement is not inside its bound or no number; torque 0, state kept",
     "BAD_PARAMETER": "a parameter is not finite or out of its bounds",
     "NUMERIC": "a result was not finite or beyond the limit; torque 0, state kept",
+    "NOT_READY": "init has not prepared the state, or has refused it; torque 0, state kept",
+    "BAD_ARITHMETIC": "of init alone: this build or processor does not compute as IEEE 754 demands",
 }
+
+
+def witness_of(structures: Mapping[str, Structure], prepare: Program) -> str:
+    """Return the member of the state that says whether it was prepared; empty where none can.
+
+    That is half the sample time, which is positive wherever `init` accepts the parameters.
+    """
+    for signal, index in zip(prepare.outputs, prepare.results, strict=True):
+        made = prepare.instructions[index]
+        given = [prepare.instructions[a] for a in made.args]
+        halves = made.op is Op.MUL and any(i.op is Op.CONST and i.value > 0.0 for i in given)
+        if halves and any(i.op is Op.INPUT and i.name == "sample_time" for i in given):
+            return signal.name if signal.name in structures["state"].names() else ""
+    return ""
 
 
 def _fields(signals: list[Signal], real: str, truth: str = "") -> tuple[Field, ...]:

@@ -10,7 +10,7 @@
 #endif
 #include PF_CONTROL_HEADER
 
-#if PF_ABI_VERSION != 2
+#if PF_ABI_VERSION != 3
 #error "the generated code has another ABI than this harness: regenerate"
 #endif
 

@@ -1,6 +1,8 @@
 /* A whole flight inside one program: see pf_flight.h. */
 #include "pf_flight.h"
 
+#include "pf_arithmetic.h"
+
 uint32_t pf_flight_check(const pf_frame_t *frame, uint32_t room)
 {
     uint32_t fault = pf_target_check();

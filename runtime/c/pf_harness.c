@@ -4,17 +4,13 @@
  * It knows no model: pf_model.h, generated beside the controller, gives the names. Arrays are laid
  * out one structure a sample, so that one call serves a single period and a batch of samples.
  */
+#include "pf_arithmetic.h"
 #include "pf_model.h"
 
-#include <float.h>
 #include <stdint.h>
 
-#if PF_ABI_VERSION != 2
+#if PF_ABI_VERSION != 3
 #error "the generated code has another ABI than this harness: regenerate"
-#endif
-
-#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
-#error "intermediate results are kept in another precision than theirs: results would differ"
 #endif
 
 /* The precision of the model: its type, the bits of 1/3 and the least number there is. */

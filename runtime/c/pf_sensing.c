@@ -20,17 +20,14 @@
  */
 #include "pf_sensing.h"
 
-#include <float.h>
-
-#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
-#error "intermediate results are kept in another precision than double: results would differ"
-#endif
+#include "pf_arithmetic.h"
 
 #define TWO_PI 6.283185307179586
 #define TWO_TO_32 4294967296.0
 #define LONGEST_GAP 64U
 #define LARGEST_REACH 0xffffffU /* counts a period: 2^62 of them take 8 years at 1 kHz */
 #define LARGEST_COUNT (INT64_C(1) << 62)
+#define LARGEST_SHOWN 9007199254740992.0 /* 2^53 */
 
 static int lies_within(double value, double least, double most)
 {
@@ -85,6 +82,11 @@ static void clear(pf_sensing_state_t *state)
     state->largest_jump = 0U;
     state->longest_gap = 0U;
     state->missed = 0U;
+    state->seen = 0U;
+    state->jumped = 0U;
+    state->lost = 0U;
+    state->rest = 0U;
+    state->resting = 0U;
     state->ready = 0U;
     state->started = 0U;
 }
@@ -116,6 +118,9 @@ static void prepare(pf_sensing_state_t *state, const pf_sensing_params_t *params
 pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params)
 {
     clear(state);
+    if (pf_arithmetic_holds() == 0) {
+        return PF_SENSING_BAD_ARITHMETIC;
+    }
     if (!counter_is_sound(params) || !estimator_is_sound(params)) {
         return PF_SENSING_BAD_PARAMETER;
     }
@@ -127,10 +132,16 @@ pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_
 pf_sensing_status_t pf_sensing_retune(pf_sensing_state_t *state,
     const pf_sensing_params_t *params)
 {
+    const double before = state->radians_per_count;
+
     if ((state->ready != 1U) || !counter_is_sound(params) || !estimator_is_sound(params)) {
         return PF_SENSING_BAD_PARAMETER;
     }
     prepare(state, params);
+    if (!lies_within(state->radians_per_count, before, before)) {
+        state->error = 0.0;
+        state->velocity = 0.0;
+    }
     return PF_SENSING_OK;
 }
 
@@ -151,6 +162,15 @@ static double double_of(int64_t count)
     return (count < 0) ? -value : value;
 }
 
+/* The whole part of what is from 0 to LARGEST_SHOWN + 1, likewise. */
+static int64_t whole_of(double size)
+{
+    const uint32_t high = (uint32_t)(size / TWO_TO_32);
+    const uint32_t low = (uint32_t)(size - (double)high * TWO_TO_32);
+
+    return (int64_t)(((uint64_t)high << 32) | (uint64_t)low);
+}
+
 /* Lets the estimator see a change of the angle [rad] that was spread evenly over some periods. */
 static void advance(pf_sensing_state_t *state, double change, uint32_t periods)
 {
@@ -165,14 +185,41 @@ static void advance(pf_sensing_state_t *state, double change, uint32_t periods)
     }
 }
 
-static pf_sensing_status_t take(pf_sensing_state_t *state, uint32_t raw)
+static int is_near(uint32_t from, uint32_t to, uint32_t mask, int64_t reach)
+{
+    const int64_t way = turned(from, to, mask);
+
+    return (way <= reach) && (way >= -reach);
+}
+
+/* How long the readings have been at rest; kept up also where none of them is taken. */
+static void watch(pf_sensing_state_t *state, const pf_sensing_input_t *input, uint32_t raw)
+{
+    if (input->valid == 0U) {
+        state->resting = 0U;
+    } else if ((state->resting > 0U) && is_near(state->rest, raw, state->mask, 1)) {
+        state->resting += (state->resting < 0xffffffffU) ? 1U : 0U;
+    } else {
+        state->rest = raw;
+        state->resting = 1U;
+    }
+}
+
+/* `before` is the valid reading of the period before, where that one jumped. */
+static pf_sensing_status_t take(pf_sensing_state_t *state, uint32_t raw, uint32_t before,
+    int jumped)
 {
     const uint32_t periods = state->missed + 1U;
     const int64_t way = turned(state->raw, raw, state->mask);
-    const int64_t reach = (int64_t)state->largest_jump * (int64_t)periods;
 
-    if ((way > reach) || (way < -reach)) {
+    if (jumped && is_near(before, raw, state->mask, (int64_t)state->largest_jump)) {
+        state->lost = 1U;
+        return PF_SENSING_LOST;
+    }
+    if (!is_near(state->raw, raw, state->mask,
+            (int64_t)state->largest_jump * (int64_t)periods)) {
         state->missed = periods;
+        state->jumped = 1U;
         return PF_SENSING_JUMP;
     }
     advance(state, double_of(way) * state->radians_per_count, periods);
@@ -189,26 +236,78 @@ static int position_is_known(const pf_sensing_state_t *state)
         && (state->count <= LARGEST_COUNT) && (state->count >= -LARGEST_COUNT);
 }
 
-static pf_sensing_status_t sense(pf_sensing_state_t *state, const pf_sensing_input_t *input)
+static pf_sensing_status_t judge(pf_sensing_state_t *state, const pf_sensing_input_t *input,
+    uint32_t raw, uint32_t before, int jumped)
 {
-    if (state->ready != 1U) {
-        return PF_SENSING_BAD_PARAMETER;
+    if (state->lost != 0U) {
+        return PF_SENSING_LOST;
     }
     if (!position_is_known(state)) {
         return PF_SENSING_STALE;
+    }
+    if ((input->valid == 0U) && jumped) {
+        state->lost = 1U; /* nothing shows any more that it was a glitch */
+        return PF_SENSING_LOST;
     }
     if (input->valid == 0U) {
         state->missed += 1U;
         return (state->missed > state->longest_gap) ? PF_SENSING_STALE : PF_SENSING_MISSING;
     }
     if (state->started == 0U) {
-        state->raw = input->raw & state->mask;
-        state->count = turned(state->counter_zero, state->raw, state->mask);
+        state->raw = raw;
+        state->count = turned(state->counter_zero, raw, state->mask);
         state->missed = 0U;
         state->started = 1U;
         return PF_SENSING_OK;
     }
-    return take(state, input->raw & state->mask);
+    return take(state, raw, before, jumped);
+}
+
+static pf_sensing_status_t sense(pf_sensing_state_t *state, const pf_sensing_input_t *input)
+{
+    const uint32_t raw = input->raw & state->mask;
+    const uint32_t before = state->seen;
+    const int jumped = state->jumped != 0U;
+
+    if (state->ready != 1U) {
+        return PF_SENSING_BAD_PARAMETER;
+    }
+    watch(state, input, raw);
+    state->jumped = 0U;
+    state->seen = (input->valid == 0U) ? before : raw;
+    return judge(state, input, raw, before, jumped);
+}
+
+int pf_sensing_may_rezero(const pf_sensing_state_t *state, double angle, uint32_t periods)
+{
+    return (state->ready == 1U) && (periods >= 1U) && (state->resting >= periods)
+        && lies_within(angle, -1000.0, 1000.0);
+}
+
+pf_sensing_status_t pf_sensing_rezero(pf_sensing_state_t *state, double angle, uint32_t periods)
+{
+    double counts, size;
+    int64_t whole;
+
+    if (!pf_sensing_may_rezero(state, angle, periods)) {
+        return ((state->ready == 1U) && lies_within(angle, -1000.0, 1000.0))
+            ? PF_SENSING_NOT_STANDING : PF_SENSING_BAD_PARAMETER;
+    }
+    counts = (angle - state->offset) / state->radians_per_count;
+    size = (counts < 0.0) ? -counts : counts;
+    if (!lies_within(size, 0.0, LARGEST_SHOWN)) {
+        return PF_SENSING_BAD_PARAMETER; /* of a memory that was overwritten */
+    }
+    whole = whole_of(size + 0.5);
+    state->count = (counts < 0.0) ? -whole : whole;
+    state->raw = state->seen;
+    state->error = 0.0;
+    state->velocity = 0.0;
+    state->missed = 0U;
+    state->jumped = 0U;
+    state->lost = 0U;
+    state->started = 1U;
+    return PF_SENSING_OK;
 }
 
 pf_sensing_status_t pf_sensing_step(pf_sensing_state_t *state, const pf_sensing_input_t *input,

@@ -23,8 +23,11 @@ typedef enum {
     PF_SENSING_OK = 0, /* the reading was taken */
     PF_SENSING_MISSING = 1, /* no valid reading this period; all outputs hold */
     PF_SENSING_JUMP = 2, /* the reading lies too far from the last one taken; all outputs hold */
-    PF_SENSING_STALE = 3, /* none taken for more than longest_gap periods; until init */
-    PF_SENSING_BAD_PARAMETER = 4 /* a parameter is out of its bounds; outputs are 0 */
+    PF_SENSING_STALE = 3, /* none taken for more than longest_gap periods; until init or rezero */
+    PF_SENSING_BAD_PARAMETER = 4, /* a parameter is out of its bounds; outputs are 0 */
+    PF_SENSING_LOST = 5, /* the counter stayed where it jumped to; outputs hold until init or rezero */
+    PF_SENSING_BAD_ARITHMETIC = 6, /* of init alone: operations do not give the bits of IEEE 754 */
+    PF_SENSING_NOT_STANDING = 7 /* of rezero alone: the reading did not rest for long enough */
 } pf_sensing_status_t;
 
 typedef enum {
@@ -70,6 +73,11 @@ typedef struct {
     uint32_t largest_jump; /* counts a period */
     uint32_t longest_gap; /* periods */
     uint32_t missed; /* periods since the last reading taken, at most longest_gap + 1 */
+    uint32_t seen; /* last valid reading, taken or not */
+    uint32_t jumped; /* 1 while that one was not taken, in the period before */
+    uint32_t lost; /* 1 once it is known that the counter has jumped */
+    uint32_t rest; /* reading that those since lie within a count of */
+    uint32_t resting; /* how many in a row do, every period having had one */
     uint32_t ready; /* 1 once the parameters were found good */
     uint32_t started; /* 1 once a reading was taken */
 } pf_sensing_state_t;
@@ -82,23 +90,40 @@ typedef struct {
 
 /*
  * Prepares *state for the first period. Returns PF_SENSING_BAD_PARAMETER, with the state set to
- * zero, if a parameter is not finite or out of its bounds; else PF_SENSING_OK.
+ * zero, if a parameter is not finite or out of its bounds, PF_SENSING_BAD_ARITHMETIC likewise, see
+ * pf_arithmetic.h; else PF_SENSING_OK.
  */
 pf_sensing_status_t pf_sensing_init(pf_sensing_state_t *state, const pf_sensing_params_t *params);
 
 /*
  * Takes other parameters and keeps count, velocity and gap: from the next period on they are in
- * force. Returns as pf_sensing_init; a channel that is not ready, or parameters that are out of
- * bounds, leave *state as it is.
+ * force. Where the angle of a count changed, the velocity starts at zero again. Returns as
+ * pf_sensing_init; a channel that is not ready, or parameters that are out of bounds, leave *state
+ * as it is.
  */
 pf_sensing_status_t pf_sensing_retune(pf_sensing_state_t *state,
     const pf_sensing_params_t *params);
 
 /*
+ * Says that the shaft stands at `angle` [rad] now, to half a count: the only way but
+ * pf_sensing_init out of PF_SENSING_STALE and PF_SENSING_LOST. The last `periods` readings, 1 at
+ * least, must have been valid and within one count; the last one is counted from. Returns
+ * PF_SENSING_NOT_STANDING if they were not, PF_SENSING_BAD_PARAMETER if the channel is not ready or
+ * the angle beyond 1000 rad; both leave *state as it is.
+ */
+pf_sensing_status_t pf_sensing_rezero(pf_sensing_state_t *state, double angle, uint32_t periods);
+
+/* 1 where pf_sensing_rezero would take this angle now. */
+int pf_sensing_may_rezero(const pf_sensing_state_t *state, double angle, uint32_t periods);
+
+/*
  * Takes the reading of one period. The first one taken sets the count to the value nearest zero,
  * and the velocity starts at zero. After a gap of n periods the shaft may have turned by
  * (n + 1) largest_jump, and is taken to have turned evenly: at most longest_gap + 1 turns of a
- * loop.
+ * loop. A reading further away is PF_SENSING_JUMP, and the next period decides what it was: a
+ * glitch if it has a reading that is near the last one taken and not near the one that jumped; if
+ * that one is near, within largest_jump, or missing, the counter has jumped and the position is
+ * lost. A third reading that is near neither jumped again.
  */
 pf_sensing_status_t pf_sensing_step(pf_sensing_state_t *state, const pf_sensing_input_t *input,
     pf_sensing_output_t *output);

@@ -6,6 +6,10 @@ void pf_sensing_batch_init(uint32_t channels, pf_sensing_state_t *state,
     const pf_sensing_params_t *params, int32_t *status);
 void pf_sensing_batch_step(uint32_t channels, uint32_t periods, pf_sensing_state_t *state,
     const pf_sensing_input_t *input, pf_sensing_output_t *output, int32_t *status);
+void pf_sensing_batch_retune(uint32_t channels, pf_sensing_state_t *state,
+    const pf_sensing_params_t *params, int32_t *status);
+void pf_sensing_batch_rezero(uint32_t channels, pf_sensing_state_t *state, const double *angle,
+    uint32_t periods, int32_t *status);
 
 uint32_t pf_sensing_sizeof(uint32_t role)
 {
@@ -24,6 +28,26 @@ void pf_sensing_batch_init(uint32_t channels, pf_sensing_state_t *state,
 
     for (i = 0U; i < channels; ++i) {
         status[i] = (int32_t)pf_sensing_init(&state[i], &params[i]);
+    }
+}
+
+void pf_sensing_batch_retune(uint32_t channels, pf_sensing_state_t *state,
+    const pf_sensing_params_t *params, int32_t *status)
+{
+    uint32_t i;
+
+    for (i = 0U; i < channels; ++i) {
+        status[i] = (int32_t)pf_sensing_retune(&state[i], &params[i]);
+    }
+}
+
+void pf_sensing_batch_rezero(uint32_t channels, pf_sensing_state_t *state, const double *angle,
+    uint32_t periods, int32_t *status)
+{
+    uint32_t i;
+
+    for (i = 0U; i < channels; ++i) {
+        status[i] = (int32_t)pf_sensing_rezero(&state[i], angle[i], periods);
     }
 }
 

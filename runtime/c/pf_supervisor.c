@@ -3,9 +3,7 @@
 
 #include <float.h>
 
-#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
-#error "intermediate results are kept in another precision than double: results would differ"
-#endif
+#include "pf_arithmetic.h"
 
 #define PRIME 16777619U
 #define TURN 6.283185307179586
@@ -13,6 +11,7 @@
 #define MOST_TURNS 1e9
 #define FORGETTING 1000U /* good periods after which an overrun is forgotten */
 #define LARGEST 0xffffffffU
+#define INFINITE UINT64_C(0x7ff0000000000000) /* of infinity; what is no number has more */
 
 static int lies_within(double value, double least, double most)
 {
@@ -83,9 +82,9 @@ static int is_sound(const pf_supervisor_state_t *state)
     return (state->mode == ~state->mode_inverse) && (state->fault == ~state->fault_inverse)
         && (state->ready == ~state->ready_inverse) && (state->ready <= 1U)
         && (state->mode <= (uint32_t)PF_MODE_FAULT)
-        && (state->fault <= (uint32_t)PF_FAULT_INTERFACE)
+        && (state->fault <= (uint32_t)PF_FAULT_PARAMETER_FIXED)
         && (faulty == (state->mode == (uint32_t)PF_MODE_FAULT))
-        && (state->reason <= (uint32_t)PF_REASON_RESET) && (state->started <= 1U)
+        && (state->reason <= (uint32_t)PF_REASON_REZERO_REFUSED) && (state->started <= 1U)
         && (state->seal == seal_of(state));
 }
 
@@ -122,7 +121,7 @@ static void clear(pf_supervisor_state_t *state)
     state->started = 0U;
 }
 
-static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
+static void record(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
     pf_reason_t reason)
 {
     volatile pf_transition_t *entry = &state->log[state->logged % PF_LOG_LENGTH];
@@ -135,9 +134,23 @@ static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t faul
     entry->reason = (uint32_t)reason;
     entry->fault = (uint32_t)fault;
     *logged = state->logged + 1U; /* a reader that sees the count sees the entry */
+    state->reason = (uint32_t)reason;
+}
+
+/* What became of an order that changes no mode, once for as long as it is given. */
+static void note(pf_supervisor_state_t *state, pf_reason_t reason)
+{
+    if (state->reason != (uint32_t)reason) {
+        record(state, (pf_mode_t)state->mode, (pf_fault_t)state->fault, reason);
+    }
+}
+
+static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t fault,
+    pf_reason_t reason)
+{
+    record(state, mode, fault, reason);
     set_mode(state, mode);
     set_fault(state, fault);
-    state->reason = (uint32_t)reason;
     state->since = 0U;
     state->inside = 0U;
     state->outside = 0U;
@@ -146,18 +159,26 @@ static void change(pf_supervisor_state_t *state, pf_mode_t mode, pf_fault_t faul
 pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     const pf_supervisor_params_t *params)
 {
-    const uint32_t good = parameters_are_valid(params) ? 1U : 0U;
+    const int exact = pf_arithmetic_holds();
+    uint32_t good = 0U;
 
+    if (exact && parameters_are_valid(params)) {
+        good = 1U;
+    }
     clear(state);
     state->ready = good;
     state->ready_inverse = ~good;
     set_mode(state, PF_MODE_IDLE);
     set_fault(state, PF_FAULT_NONE);
     if (good == 0U) {
-        change(state, PF_MODE_FAULT, PF_FAULT_PARAMETER_BOUNDS, PF_REASON_FAULT);
+        change(state, PF_MODE_FAULT, exact ? PF_FAULT_PARAMETER_BOUNDS : PF_FAULT_ARITHMETIC,
+            PF_REASON_FAULT);
     }
     state->seal = seal_of(state);
-    return (good == 1U) ? PF_SUPERVISOR_OK : PF_SUPERVISOR_BAD_PARAMETER;
+    if (good == 1U) {
+        return PF_SUPERVISOR_OK;
+    }
+    return exact ? PF_SUPERVISOR_BAD_PARAMETER : PF_SUPERVISOR_BAD_ARITHMETIC;
 }
 
 /* Nothing remembered can be relied on, and only init makes it trusted again. The log stays. */
@@ -182,6 +203,8 @@ static pf_fault_t fault_of(uint32_t checks)
         {PF_CHECK_ENCODER_JUMP, PF_FAULT_ENCODER_JUMP},
         {PF_CHECK_STALE, PF_FAULT_STALE},
         {PF_CHECK_NUMERIC, PF_FAULT_NUMERIC},
+        {PF_CHECK_ARITHMETIC, PF_FAULT_ARITHMETIC},
+        {PF_CHECK_PARAMETER_FIXED, PF_FAULT_PARAMETER_FIXED},
     };
     uint32_t i;
 
@@ -305,8 +328,13 @@ static void obey(pf_supervisor_state_t *state, const pf_supervisor_params_t *par
     }
     switch ((pf_mode_t)state->mode) {
     case PF_MODE_IDLE:
-        if (input->command == (uint32_t)PF_COMMAND_START) {
+        if ((input->command == (uint32_t)PF_COMMAND_START) &&
+            ((input->position & PF_POSITION_UNREAD) != 0U)) {
+            note(state, PF_REASON_NO_READING);
+        } else if (input->command == (uint32_t)PF_COMMAND_START) {
             start(state);
+        } else {
+            /* waits */
         }
         break;
     case PF_MODE_SWING_UP:
@@ -351,6 +379,13 @@ void pf_supervisor_step(pf_supervisor_state_t *state, const pf_supervisor_params
     state->since = raised(state->since);
     fault = parameters_are_valid(params) ? finding(state, params, input)
                                          : PF_FAULT_PARAMETER_BOUNDS;
+    if ((input->position & PF_POSITION_REZEROED) != 0U) {
+        note(state, PF_REASON_REZEROED);
+    } else if ((input->position & PF_POSITION_REFUSED) != 0U) {
+        note(state, PF_REASON_REZERO_REFUSED);
+    } else {
+        /* nothing was ordered */
+    }
     if (mode == (uint32_t)PF_MODE_FAULT) {
         if ((fault == PF_FAULT_NONE) && (input->command == (uint32_t)PF_COMMAND_RESET) &&
             (state->ready == 1U)) {
@@ -371,7 +406,7 @@ void pf_supervisor_trip(pf_supervisor_state_t *state, pf_fault_t fault,
 {
     const uint32_t number = (uint32_t)fault;
     const int known = (number != (uint32_t)PF_FAULT_NONE) &&
-        (number <= (uint32_t)PF_FAULT_INTERFACE);
+        (number <= (uint32_t)PF_FAULT_PARAMETER_FIXED);
     uint32_t entered = 1U;
 
     if (!is_sound(state)) {
@@ -423,9 +458,21 @@ uint32_t pf_checksum_double(uint32_t sum, double value)
         (uint32_t)(seen.bits & LARGEST));
 }
 
+/* By its bits, which even a compiler that takes every value for a number looks at. */
+static uint64_t magnitude(double value)
+{
+    union {
+        double value;
+        uint64_t bits;
+    } seen;
+
+    seen.value = value;
+    return seen.bits & UINT64_C(0x7fffffffffffffff);
+}
+
 double pf_limited(double value, double limit)
 {
-    if (!lies_within(limit, 0.0, DBL_MAX)) {
+    if ((magnitude(value) > INFINITE) || (magnitude(limit) >= INFINITE) || !(limit >= 0.0)) {
         return 0.0;
     }
     if (value > limit) {
@@ -441,7 +488,7 @@ double pf_slewed(double value, double previous, double step, double limit)
 {
     const double wanted = pf_limited(value, limit);
 
-    if (lies_within(step, 0.0, DBL_MAX) && lies_within(previous, -DBL_MAX, DBL_MAX)) {
+    if ((magnitude(step) < INFINITE) && (step >= 0.0) && (magnitude(previous) < INFINITE)) {
         if (wanted > previous + step) {
             return pf_limited(previous + step, limit);
         }

@@ -34,7 +34,8 @@ typedef enum {
     PF_COMMAND_NONE = 0,
     PF_COMMAND_START = 1, /* leave IDLE */
     PF_COMMAND_STOP = 2, /* to IDLE, from every mode but FAULT */
-    PF_COMMAND_RESET = 3 /* from FAULT to IDLE, if nothing is wrong any more */
+    PF_COMMAND_RESET = 3, /* from FAULT to IDLE, if nothing is wrong any more */
+    PF_COMMAND_REZERO = 4 /* the plant rests at its known place; the caller obeys, no mode changes */
 } pf_command_t;
 
 typedef enum {
@@ -51,7 +52,9 @@ typedef enum {
     PF_FAULT_NUMERIC = 10, /* a law gave no usable result */
     PF_FAULT_SWING_UP_TIMEOUT = 11, /* no capture within swing_up_timeout */
     PF_FAULT_ATTEMPTS = 12, /* released more often than attempts allows */
-    PF_FAULT_INTERFACE = 13 /* an unknown check, no measure, or more than PF_MEASURES */
+    PF_FAULT_INTERFACE = 13, /* an unknown check, no measure, or more than PF_MEASURES */
+    PF_FAULT_ARITHMETIC = 14, /* build or processor do not compute as IEEE 754 demands */
+    PF_FAULT_PARAMETER_FIXED = 15 /* a parameter that may only change at rest changed while running */
 } pf_fault_t;
 
 /* What the caller found wrong this period: bits of `checks`. Of several findings of one period the
@@ -63,8 +66,16 @@ typedef enum {
 #define PF_CHECK_ENCODER_JUMP 0x10U
 #define PF_CHECK_STALE 0x20U
 #define PF_CHECK_NUMERIC 0x40U
+#define PF_CHECK_ARITHMETIC 0x80U
+#define PF_CHECK_PARAMETER_FIXED 0x100U
 
-/* Why the mode changed last. */
+/* What the caller knows of the plant's position, or was ordered to do with it: bits of `position`. */
+#define PF_POSITION_UNREAD 0x1U /* an encoder has given no reading yet: START is refused */
+#define PF_POSITION_REZEROED 0x2U /* PF_COMMAND_REZERO was obeyed in this period */
+#define PF_POSITION_REFUSED 0x4U /* it was refused */
+#define PF_POSITION_LOST 0x8U /* an encoder jumped or fell silent: known again by init or REZERO */
+
+/* Why the mode changed last, or did not when an order was given. */
 typedef enum {
     PF_REASON_NONE = 0,
     PF_REASON_STARTED = 1,
@@ -72,12 +83,16 @@ typedef enum {
     PF_REASON_CAPTURED = 3,
     PF_REASON_RELEASED = 4,
     PF_REASON_FAULT = 5,
-    PF_REASON_RESET = 6
+    PF_REASON_RESET = 6,
+    PF_REASON_NO_READING = 7, /* no change: START was refused, an encoder has given no reading yet */
+    PF_REASON_REZEROED = 8, /* no change: the position is that of the known place */
+    PF_REASON_REZERO_REFUSED = 9 /* no change: running, or not at rest, or without a known place */
 } pf_reason_t;
 
 typedef enum {
     PF_SUPERVISOR_OK = 0,
-    PF_SUPERVISOR_BAD_PARAMETER = 1 /* every period then is a fault */
+    PF_SUPERVISOR_BAD_PARAMETER = 1, /* every period then is a fault */
+    PF_SUPERVISOR_BAD_ARITHMETIC = 2 /* likewise: operations do not give the bits of IEEE 754 */
 } pf_supervisor_status_t;
 
 typedef struct {
@@ -104,9 +119,10 @@ typedef struct {
     uint32_t heartbeat; /* another one while the operator's side is alive */
     uint32_t command; /* one of pf_command_t; what is none is PF_COMMAND_NONE */
     uint32_t checks; /* PF_CHECK_... bits */
+    uint32_t position; /* PF_POSITION_... bits */
 } pf_supervisor_input_t;
 
-/* One transition. */
+/* One transition, or one order that changed no mode: then `from` and `to` are the same. */
 typedef struct {
     uint32_t period; /* number of the call, from 1 */
     uint32_t frame;
@@ -144,8 +160,9 @@ typedef struct {
     uint32_t torque_allowed; /* 1 in SWING_UP and BALANCE */
 } pf_supervisor_output_t;
 
-/* Prepares *state: mode IDLE, or FAULT if a parameter is out of its bounds. From that FAULT, and
- * from STATE_CORRUPT, only another call of this function leads. */
+/* Prepares *state: mode IDLE, or FAULT if a parameter is out of its bounds or the arithmetic is not
+ * that of IEEE 754, see pf_arithmetic.h. From that FAULT, and from STATE_CORRUPT, only another call
+ * of this function leads. */
 pf_supervisor_status_t pf_supervisor_init(pf_supervisor_state_t *state,
     const pf_supervisor_params_t *params);
 
@@ -174,7 +191,8 @@ uint32_t pf_supervisor_log_read(const pf_supervisor_state_t *state, uint32_t num
 uint32_t pf_checksum_word(uint32_t sum, uint32_t word);
 uint32_t pf_checksum_double(uint32_t sum, double value); /* the high word first */
 
-/* `value` within +-limit; 0 for what is no number, or a limit that is none. */
+/* `value` within +-limit; 0 for what is no number, or a limit that is none or infinite. What is no
+ * number is told by its bits, so that no compiler can leave the question out. */
 double pf_limited(double value, double limit);
 
 /* The same, and within `step` of `previous` where that is possible. */

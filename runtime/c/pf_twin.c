@@ -7,6 +7,7 @@
  * limit and a first-order lag, whose exact mean over the substep acts. Compile with
  * -ffp-contract=off for the same bits on every machine.
  */
+#include "pf_arithmetic.h"
 #include "pf_elementary.h"
 #include "pf_model.h"
 

@@ -1,6 +1,8 @@
 /* A rig that is the generated plant: time passes for it when a torque is commanded. */
 #include "pf_rig.h"
 
+#include "pf_arithmetic.h"
+
 #include <errno.h>
 #include <stddef.h>
 
