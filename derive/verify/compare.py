@@ -251,9 +251,10 @@ class _Judge:
         answers = [self.oracle(row) for row in rows]
         limit = LIMIT_ULP * 2.0**-self.unit.digits
         clear = np.array([c for _, c in answers]) & ~self.condition.close_calls(values, limit)
-        # Of a value that cancels to no digit of its own, as ADB does in the singular set, no scale
-        # made of first derivatives knows what follows.
-        clear &= ~self.condition.vanishing(values, limit)
+        # What is divided by a value without a digit of its own, as ADB in the singular set, has no
+        # answer that doubles could give.
+        divided = self.condition.vanishing(values, limit)
+        clear &= ~divided
         named, by_input = self.condition(values)
         previous = {
             language: t.undecided for (f, language), t in tallies.items() if f == self.block.name
@@ -261,7 +262,7 @@ class _Judge:
         for k, signal in enumerate(self.block.outputs):
             exact = [outputs[k] for outputs, _ in answers]
             self.last_exact[signal.name] = np.array([float(v) for v in exact])
-            answered = np.isfinite(self.last_exact[signal.name])
+            answered = np.isfinite(self.last_exact[signal.name]) & ~divided
             size_of = np.abs(np.where(answered, self.last_exact[signal.name], 0.0))
             units = self.unit.last_place(np.maximum(size_of, named[signal.name]))
             strict_units = self.unit.last_place(np.maximum(size_of, by_input[signal.name]))

@@ -45,6 +45,8 @@ class Condition:
         self._steps = [_step(d.symbol, d.expression) for d in block.definitions]
         # Of |x| at 0 the slope: 0 where x is 0 exactly, as of s - s; 1 where rounding may move it.
         self._moving = [_step(d.symbol, d.expression, side) for d in block.definitions]
+        powers = set().union(*(d.expression.atoms(sp.Pow) for d in block.definitions))
+        self._divisors = {p.base.name for p in powers if p.base.is_Symbol and p.exp.is_negative}
         inputs = set(block.symbols)
         relations = set().union(*(d.expression.atoms(Relational) for d in block.definitions))
         self._differences = [
@@ -84,7 +86,7 @@ class Condition:
         return lost
 
     def vanishing(self, values: Mapping[str, Array], unit: float) -> Array:
-        """Return the samples with a named value that cancels below its scale times `unit`, (N,).
+        """Return the samples with a divisor that cancels below its scale times `unit`, (N,).
 
         Zero is such a value where the terms that make it are not.
         """
@@ -92,6 +94,8 @@ class Condition:
         found = np.zeros(len(next(iter(values.values()))), bool)
         with np.errstate(all="ignore"):
             for k, step in enumerate(self._steps):
+                if step.name not in self._divisors:
+                    continue
                 weights = self._weights(step.name, known, local[: k + 1])
                 scale = _total(list(weights.values()), len(found))
                 found |= (scale > 0.0) & ~(np.abs(known[step.name]) > unit * scale)
