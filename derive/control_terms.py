@@ -139,7 +139,7 @@ def define_dynamics(
     units = [c.unit for c in spec.coordinates]
     raw = dynamics.coriolis_force + dynamics.gravity
     entries = dynamics.mass_matrix.applyfunc(lambda entry: grouped(entry, spec.positions))
-    det = grouped(determinant(dynamics), spec.positions) if n <= SMALL else sp.S.One
+    det = grouped(determinant(dynamics, spec.positions), spec.positions) if n <= SMALL else sp.S.One
     named = define_trigonometry(builder, [*entries, *raw, det])
     mass = sp.zeros(n, n)
     for i in range(n):

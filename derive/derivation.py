@@ -23,7 +23,7 @@ from pfaffian.derive.forms import grouped
 from pfaffian.derive.hurwitz import HurwitzConditions, hurwitz_blocks, hurwitz_conditions
 from pfaffian.derive.identities import Identity, prove_identities
 from pfaffian.derive.lagrange import Dynamics, lagrangian_dynamics
-from pfaffian.derive.linear_solve import SMALL, define_factors
+from pfaffian.derive.linear_solve import SMALL, define_factors, determinant
 from pfaffian.derive.linearisation import linearisation_blocks
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.sampled_law import prepared_values, sampled_law
@@ -145,7 +145,7 @@ def _constraint_rows(
     """
     if writes_rows_out(dynamics):
         adjugate = dynamics.mass_matrix.adjugate()
-        return constraint.jacobian * adjugate, sp.expand(dynamics.mass_matrix.det())
+        return constraint.jacobian * adjugate, determinant(dynamics, spec.positions)
     m, n = constraint.jacobian.shape
     names = [f"ad{i + 1}" if m == 1 else f"ad{r + 1}{i + 1}" for r in range(m) for i in range(n)]
     return sp.Matrix(m, n, [spec.own_symbol(name) for name in names]), sp.S.One

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 from pfaffian.derive.block import BlockBuilder
+from pfaffian.derive.forms import splits_up
 
 if TYPE_CHECKING:
     from pfaffian.derive.lagrange import Dynamics
@@ -76,12 +77,15 @@ def define_solution(
     return tuple(found)
 
 
-def determinant(dynamics: Dynamics) -> sp.Expr:
-    """Return det M, expanded in the parameters.
+def determinant(dynamics: Dynamics, positions: Sequence[sp.Symbol]) -> sp.Expr:
+    """Return det M, expanded in the parameters where its entries are sums of plain products.
 
-    The products of the entries would cancel most of each other's digits.
+    The products of the entries would cancel most of each other's digits. With roots and quotients
+    of what moves it is the squares within an entry that would, multiplied out.
     """
-    return sp.expand(dynamics.mass_matrix.det())
+    mass = dynamics.mass_matrix
+    plain = all(splits_up(entry, positions) for entry in mass)
+    return sp.expand(mass.det()) if plain else mass.det()
 
 
 class MassSolver:

@@ -234,7 +234,7 @@ def _limit(spec: ModelSpec, dynamics: Dynamics) -> Block:
     mass, a = dynamics.mass_matrix, _acted(spec)
     named = define_trigonometry(builder, [drop, *mass])
     potential = builder.define("drop", drop.xreplace(named), "V(goal) - V(q), at most", "J")
-    det = determinant(dynamics).xreplace(named) if mass.rows <= SMALL else sp.S.One
+    det = determinant(dynamics, spec.positions).xreplace(named) if mass.rows <= SMALL else sp.S.One
     solver = MassSolver(builder, mass.xreplace(named), det)
     acted = acted_coordinate(spec)
     unit = unit_product(("s", 2), ("J", 2), (acted.unit, -2))
