@@ -14,6 +14,21 @@ import sympy as sp
 from pfaffian.derive.normal_form import trigonometric_sum
 
 
+def splits_up(expression: sp.Expr, moving: Iterable[sp.Symbol]) -> bool:
+    """Return whether `expression` is a polynomial in the symbols `moving` and their sines, cosines.
+
+    Others, with a root or a quotient of what moves, are left as they were written: multiplied out
+    and brought over one denominator their terms are many, and cancel.
+    """
+    own = set(moving)
+    for part in expression.atoms(sp.Pow, sp.Function):
+        if part.free_symbols.isdisjoint(own) or isinstance(part, sp.sin | sp.cos):
+            continue
+        if not (part.is_Pow and part.exp.is_Integer and part.exp.is_positive):
+            return False
+    return True
+
+
 def grouped(expression: sp.Expr, moving: Iterable[sp.Symbol]) -> sp.Expr:
     """Return `expression` with each sum's terms of one product of parameters as a product.
 

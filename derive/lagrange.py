@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
-from pfaffian.derive.forms import grouped
+from pfaffian.derive.forms import grouped, splits_up
 from pfaffian.derive.linear_solve import SMALL
 from pfaffian.derive.normal_form import trigonometric_sum
 from pfaffian.derive.spec import Matrix, ModelSpec
@@ -41,8 +41,8 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     not a quadratic form of the velocities, or the lumped parameters do not span the dynamics.
     """
     q, dq = sp.Matrix(spec.positions), sp.Matrix(spec.velocities)
-    kinetic = _lumped(trigonometric_sum(spec.kinetic_energy), spec, "kinetic energy")
-    potential = _lumped(trigonometric_sum(spec.potential_energy), spec, "potential energy")
+    kinetic = _lumped(_summed(spec.kinetic_energy, spec.positions), spec, "kinetic energy")
+    potential = _lumped(_summed(spec.potential_energy, spec.positions), spec, "potential energy")
     mass = mass_matrix(kinetic, spec.velocities, f"model {spec.name}")
     check_mass_matrix(spec, mass)
     gravity = sp.Matrix([potential]).jacobian(q).T.applyfunc(lambda g: grouped(g, spec.positions))
@@ -55,7 +55,7 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     ]
     coriolis = christoffel_matrix(mass, q, dq)
     force = (
-        (coriolis * dq).applyfunc(sp.factor)
+        (coriolis * dq).applyfunc(lambda c: sp.factor(c) if splits_up(c, spec.positions) else c)
         if len(q) <= SMALL
         else velocity_forces(mass, list(q), list(dq))
     )
@@ -73,25 +73,45 @@ def lagrangian_dynamics(spec: ModelSpec) -> Dynamics:
     )
 
 
+def _summed(energy: sp.Expr, positions: Sequence[sp.Symbol]) -> sp.Expr:
+    """Return `energy` as a sum over multiple angles, roots and quotients as they were written."""
+    terms = sp.Add.make_args(energy)
+    kept = [term for term in terms if not splits_up(term, positions)]
+    return sp.Add(trigonometric_sum(sp.Add(*(t for t in terms if t not in kept))), *kept)
+
+
 def mass_matrix(kinetic: sp.Expr, rates: Sequence[sp.Symbol], where: str) -> sp.Matrix:
-    """Return M (n, n) of T = q'^T M q'/2; raise `InputError` where T is not such a form."""
-    n = len(rates)
-    mass = sp.zeros(n, n)
+    """Return M (n, n) of T = q'^T M q'/2; raise `InputError` where T is not such a form.
+
+    What of T is no polynomial in coordinates, sines and cosines is differentiated as it stands.
+    """
+    n, moving = len(rates), kinetic.free_symbols
+    terms = sp.Add.make_args(kinetic)
+    kept = sp.Add(*(term for term in terms if not splits_up(term, moving)))
+    mass = sp.hessian(kept, rates) if kept != 0 else sp.zeros(n, n)
+    form = sp.Matrix(rates).T * mass * sp.Matrix(rates) / 2
+    if mass.free_symbols & {*rates} or sp.expand(form[0] - kept) != 0:
+        raise _not_quadratic(where)
     try:
-        terms = sp.Poly(kinetic, *rates).terms()
-    except sp.PolynomialError:
-        terms = [((0,) * n, kinetic)]
-    for powers, coefficient in terms:
+        polynomial = sp.Poly(kinetic - kept, *rates).terms() if kinetic != kept else []
+    except sp.PolynomialError as error:
+        raise _not_quadratic(where) from error
+    for powers, coefficient in polynomial:
         used = [k for k, power in enumerate(powers) for _ in range(power)]
         if len(used) != 2:
-            raise InputError(
-                f"{where}: the kinetic energy is not a quadratic form of the velocities",
-                remedy="write T as a sum of m v^2/2 and I w^2/2 terms",
-                about="kinetic_energy",
-            )
+            raise _not_quadratic(where)
         i, j = used
-        mass[i, j] = mass[j, i] = sp.factor_terms(2 * coefficient if i == j else coefficient)
+        entry = sp.factor_terms(2 * coefficient if i == j else coefficient)
+        mass[i, j] = mass[j, i] = mass[i, j] + entry
     return mass
+
+
+def _not_quadratic(where: str) -> InputError:
+    return InputError(
+        f"{where}: the kinetic energy is not a quadratic form of the velocities",
+        remedy="write T as a sum of m v^2/2 and I w^2/2 terms",
+        about="kinetic_energy",
+    )
 
 
 def velocity_forces(mass: sp.Matrix, q: Sequence[sp.Symbol], dq: Sequence[sp.Symbol]) -> sp.Matrix:

@@ -9,6 +9,7 @@ from pfaffian.derive.authoring import ModelBuilder
 from pfaffian.derive.derivation import derive
 from pfaffian.derive.exact_numbers import exact_number
 from pfaffian.derive.forms import grouped
+from pfaffian.derive.lagrange import mass_matrix
 from pfaffian.derive.library import find_model
 from pfaffian.derive.lower_model import lower_model
 from pfaffian.derive.pipeline import derivation_of, lowered_model
@@ -230,3 +231,39 @@ def test_a_float_that_is_no_exact_number_is_refused_at_its_line(tmp_path, potent
         refused.value.message
     )
     assert remedy in refused.value.remedy
+
+
+def slider_crank():
+    """A crank of radius a on a rod of length m, its slider of mass k: a root in the energy."""
+    build = ModelBuilder("slider", title="t", source="s")
+    th, dth = build.coordinate("th", "rad", "crank", bound=10, rate_bound=100)
+    inertia = build.parameter("inertia", "kg*m^2", "crank", upper=10.0)
+    mass = build.parameter("mass", "kg", "slider", upper=10.0)
+    radius = build.parameter("radius", "m", "crank", upper=0.5)
+    rod = build.parameter("rod", "m", "rod", upper=1.0)
+    build.actuator("tau", "N*m", "crank", on={"th": 1})
+    place = radius * cos(th) + sp.sqrt(rod**2 - radius**2 * sin(th) ** 2)
+    return build.build(
+        kinetic_energy=(inertia * dth**2 + mass * (place.diff(th) * dth) ** 2) / 2,
+        potential_energy=sp.S.Zero,
+    )
+
+
+def test_a_root_in_an_energy_stays_as_it_was_written_and_keeps_its_digits():
+    """Multiplied out and over one denominator it takes ten times as much and loses digits."""
+    spec = slider_crank()
+    found = verified(spec, 400, "acceleration")
+    assert found.worst_scaled_ulp < 2.0
+    dynamics = derive(spec).dynamics
+    assert dynamics.coriolis_force[0].count_ops() < 80
+    th, dth = spec.positions[0], spec.velocities[0]
+    wanted = spec.kinetic_energy.diff(dth).diff(dth).diff(th) * dth**2 / 2
+    at = {s: sp.Rational(3 + n, 10) for n, s in enumerate(sorted(wanted.free_symbols, key=str))}
+    assert abs((dynamics.coriolis_force[0] - wanted).subs(at).evalf(40)) < 1e-35
+
+
+def test_a_root_of_the_rates_is_no_kinetic_energy():
+    spec = slider_crank()
+    energy = spec.kinetic_energy + sp.sqrt(spec.velocities[0] ** 2 + 1) * sp.Symbol("inertia")
+    with pytest.raises(InputError, match="not a quadratic form of the velocities"):
+        mass_matrix(energy, spec.velocities, "model slider")

@@ -236,10 +236,13 @@ def _judged(faults: Sequence[Fault], folder: Path, jobs: int) -> Iterable[tuple[
         finally:
             laboratories.put(laboratory)
 
-    with ThreadPoolExecutor(jobs) as pool:
+    pool = ThreadPoolExecutor(jobs)
+    try:
         running = {pool.submit(judge, k, f): f for k, f in enumerate(faults)}
         for done in as_completed(running):
             yield running[done], done.result()
+    finally:  # an interrupt waits for what is running, and starts no more
+        pool.shutdown(cancel_futures=True)
 
 
 def _files(path: Path) -> list[Path]:
