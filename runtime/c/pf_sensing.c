@@ -162,13 +162,23 @@ static double double_of(int64_t count)
     return (count < 0) ? -value : value;
 }
 
-/* The whole part of what is from 0 to LARGEST_SHOWN + 1, likewise. */
+/* The whole part of what is from 0 to LARGEST_SHOWN + 1, bit by bit: a conversion would be called. */
 static int64_t whole_of(double size)
 {
-    const uint32_t high = (uint32_t)(size / TWO_TO_32);
-    const uint32_t low = (uint32_t)(size - (double)high * TWO_TO_32);
+    double rest = size;
+    double bit = LARGEST_SHOWN;
+    uint64_t whole = 0U;
+    uint32_t i;
 
-    return (int64_t)(((uint64_t)high << 32) | (uint64_t)low);
+    for (i = 0U; i < 54U; ++i) {
+        whole <<= 1;
+        if (rest >= bit) {
+            rest -= bit;
+            whole |= 1U;
+        }
+        bit *= 0.5;
+    }
+    return (int64_t)(whole & UINT64_C(0x3fffffffffffff));
 }
 
 /* Lets the estimator see a change of the angle [rad] that was spread evenly over some periods. */
