@@ -116,6 +116,23 @@ def design(
 
 
 @app.command()
+def template(
+    model: Model,
+    set_name: SetName = None,
+    params: Params = None,
+    written: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write it to a file, *.toml.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+    json: Json = False,
+) -> None:
+    """Print a parameter set to fill in: every key with its unit, its bounds and its meaning."""
+    from pfaffian.cli.template import TemplateFiles, show_template
+
+    show_template(model, TemplateFiles(set_name, params, written, force), json)
+
+
+@app.command()
 def plan(
     model: Model,
     set_name: SetName = None,

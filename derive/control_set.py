@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.lowered import CoordinateInterface, LoweredModel
 from pfaffian.runtime.c_layout import BALANCE_LAWS, ESTIMATORS, MEASURES, SWING_UP_LAWS
 from pfaffian.runtime.documents import read_toml, suggestion
 from pfaffian.runtime.errors import InputError
@@ -27,9 +27,9 @@ SCALARS = {
     "torque_jump": "",
     "form": "",
 }
+#: Of an encoder beside what a count is worth and where count 0 begins, which are in the unit of its
+#: coordinate.
 _ENCODER = {
-    "counts_per_turn": ("", 5000.0),
-    "offset": ("rad", 0.0),
     "bandwidth": ("rad/s", 300.0),
     "damping": ("", math.sqrt(0.5)),
     "counter_bits": ("", 32),
@@ -51,6 +51,10 @@ _SUPERVISOR = {
 _TOP = ("title", "source", "swing_up", "balance", "encoder", "capture", "release", "form")
 _TABLES = (*_TOP, "feedback", "rest", "plan", "rezero", "supervisor")
 Values = Mapping[str, Any]
+#: Counts of a turn unless given, and what a count is worth at most and at least: pf_sensing takes 4
+#: to 2^32 counts a turn.
+_COUNTS = 5000.0
+_COARSEST, _FINEST = 2.0 * math.pi / 4.0, 2.0 * math.pi / 2.0**32
 #: A limit that nothing reaches.
 _NONE = 1e300
 
@@ -102,9 +106,7 @@ def read_control(
     encoders = {}
     for c in model.coordinates:
         table = _table(_table(document, "encoder", path), c.name, path)
-        values = _values(table, _ENCODER, f"{path}: encoder.{c.name}", ("estimator", "turns"))
-        estimator = _word(table, "estimator", ESTIMATORS, "tracking", f"{path}: encoder.{c.name}")
-        encoders[c.name] = {**values, "sample_time": time, "estimator": estimator}
+        encoders[c.name] = {**_encoder(table, c, path), "sample_time": time}
     return ControlSet(
         name=path.stem,
         title=str(document.get("title", path.stem)),
@@ -113,6 +115,32 @@ def read_control(
         supervisor=_supervisor(document, model, time, path),
         own=_own(document, model, plans, path),
     )
+
+
+def _encoder(table: Values, c: CoordinateInterface, path: Path) -> dict[str, Any]:
+    """Return the members of one channel; C counts 2 pi of the coordinate's unit as one turn."""
+    where = f"{path}: encoder.{c.name}"
+    schema = {"counts_per_turn": ("", _COUNTS), "offset": (c.unit, 0.0), **_ENCODER}
+    values = _values(table, schema, where, ("quantum", "estimator", "turns"))
+    if "quantum" in table:
+        if "counts_per_turn" in table:
+            raise InputError(
+                f"{where}: quantum and counts_per_turn are both given",
+                remedy="give one: what a count is worth, or how many there are in a turn",
+            )
+        quantum = parse_quantity(table["quantum"], c.unit, f"{where}.quantum")
+        if not _FINEST <= quantum <= _COARSEST:
+            raise InputError(
+                f"{where}.quantum = {quantum:g} {c.unit} is out of its bounds",
+                remedy=f"give what a count is worth, {_FINEST:.3g} to {_COARSEST:.3g} {c.unit}",
+            )
+        values["counts_per_turn"] = 2.0 * math.pi / quantum
+    elif c.unit != "rad" and "counts_per_turn" not in table:
+        raise InputError(
+            f"{where}: an encoder in {c.unit} has no turns",
+            remedy=f'give quantum, what a count is worth, for instance "0.0001 {c.unit}"',
+        )
+    return {**values, "estimator": _word(table, "estimator", ESTIMATORS, "tracking", where)}
 
 
 def _own(

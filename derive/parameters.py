@@ -30,6 +30,8 @@ TABLES = {
 #: Groups of which a set holds one or the other, and what the group that stands in for it is.
 _ALTERNATIVES = {"physical": "lumped", "lumped": "physical"}
 POLES_KEY = "zero_dynamics_poles"
+#: What stands in a set for a value that is still to be filled in, before its unit.
+BLANK = "?"
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ class Parameter:
 class RawSet:
     """A parameter set as read: values in SI by name, and wanted zero-dynamics poles if given.
 
-    `last_places` has one unit of the last digit written of each gain, in SI units.
+    `last_places` has one unit of the last digit written of each gain, in SI units; `written` what
+    stands in the file for each value, and for the poles under `POLES_KEY`.
     """
 
     name: str
@@ -90,6 +93,7 @@ class RawSet:
     values: Mapping[str, float]
     poles: tuple[complex, ...] = ()
     last_places: Mapping[str, float] = field(default_factory=dict)
+    written: Mapping[str, object] = field(default_factory=dict)
 
 
 def parse_poles(raw: object, where: str) -> tuple[complex, ...]:
@@ -153,6 +157,23 @@ def _check_keys(document: Mapping[str, object], known: Mapping[str, list[str]], 
                 )
 
 
+def _check_filled(document: Mapping[str, object], path: Path) -> None:
+    """Refuse what a template left to be filled in, all of it at once."""
+    tables = {key: part for key, part in document.items() if isinstance(part, dict)}
+    blank = [key for key, value in document.items() if value == BLANK]
+    blank += [
+        f"{table}.{key}" + (f" [{unit}]" if (unit := value.removeprefix(BLANK).strip()) else "")
+        for table, part in tables.items()
+        for key, value in part.items()
+        if isinstance(value, str) and value.startswith(BLANK)
+    ]
+    if blank:
+        raise InputError(
+            f"{path}: still to fill in: {', '.join(blank)}",
+            remedy=f'write a value in place of each "{BLANK}"',
+        )
+
+
 def read_set(path: Path, declared: tuple[Parameter, ...], known_sets: Mapping[str, Path]) -> RawSet:
     """Read the parameter set in `path`, its `extends` base first.
 
@@ -175,6 +196,7 @@ def _read_set(
             by_table[TABLES[parameter.group]].append(parameter.name)
     by_table["gains"].append(POLES_KEY)
     _check_keys(document, by_table, path)
+    _check_filled(document, path)
     if path in above:
         chain = " -> ".join(str(p) for p in (*above, path))
         raise InputError(f"{path}: extends itself ({chain})", remedy="break the circle")
@@ -198,6 +220,8 @@ def _read_set(
     replaced |= {"synthesised"} if poles else set()
     values = {k: v for k, v in base.values.items() if groups[k] not in replaced} if base else {}
     inherited = base.poles if base and "synthesised" not in given else ()
+    kept = {*values, *own, *([POLES_KEY] if poles or inherited else [])}
+    written = {**(base.written if base else {}), **_written(document)}
     return RawSet(
         name=path.stem,
         title=str(document.get("title", path.stem)),
@@ -206,7 +230,13 @@ def _read_set(
         values=values | own,
         poles=poles or inherited,
         last_places=places | _last_places(document, declared, own),
+        written={name: value for name, value in written.items() if name in kept},
     )
+
+
+def _written(document: Mapping[str, object]) -> dict[str, object]:
+    tables = [part for part in document.values() if isinstance(part, dict)]
+    return {name: value for part in tables for name, value in part.items()}
 
 
 def _last_places(

@@ -27,6 +27,7 @@ COMMANDS = (
     "derive",
     "audit",
     "design",
+    "template",
     "plan",
     "campaign",
     "reproduce",
