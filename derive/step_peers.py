@@ -284,7 +284,8 @@ def _elementary(folder: GeneratedFolder) -> dict[str, str]:
 
     As one unit with the step they can be inlined.
     """
-    found = sorted((folder.path / "c").glob("pf_elementary*"))
+    code = folder.path / "c"
+    found = [*sorted(code.glob("pf_elementary*")), *sorted(code.glob("pf_arithmetic*"))]
     names = {p: p.name.replace("pf_elementary.c", "pf_elementary_unit.h") for p in found}
     return {name: path.read_text(encoding="utf-8") for path, name in names.items()}
 

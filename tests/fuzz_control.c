@@ -72,7 +72,7 @@ static void require_consistent(const PF_CONTROL_OUTPUT_T *output)
     require((output->fault != 0U) == (output->mode == (uint32_t)PF_MODE_FAULT));
     require(output->reason <= (uint32_t)PF_REASON_REZERO_REFUSED);
     require(output->phase <= 2U);
-    require(output->law_status <= 5U);
+    require(output->law_status <= 6U);
 }
 
 static void require_limited(double torque, double limit, uint32_t mode)

@@ -43,7 +43,7 @@ static void one_period(period_t *period)
     const int status = (int)PF_STEP(&period->state, &period->params, &period->input, &output);
     size_t k;
 
-    require(status >= 0 && status <= 5);
+    require(status >= 0 && status <= 6);
     memcpy(members, &output, sizeof output);
     for (k = 0; k < sizeof members / sizeof members[0]; ++k) {
         require(is_finite(members[k]));

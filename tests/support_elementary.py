@@ -15,8 +15,7 @@ import gmpy2
 import numpy as np
 import numpy.typing as npt
 from pfaffian.derive.elementary import render_context
-from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, fill
-from pfaffian.derive.emit.precision import DOUBLE
+from pfaffian.derive.emit.function import elementary_sources
 
 Array = npt.NDArray[np.float64]
 
@@ -86,9 +85,10 @@ Evaluate = Callable[[str, Array], Array]
 def render(directory: Path) -> Path:
     """Write header, source and the batch driver into `directory`, and return it."""
     directory.mkdir(parents=True, exist_ok=True)
-    context = {"header": "/* test build */", **render_context()}
-    for name in (*ELEMENTARY_FILES, DOUBLE.further_header):
-        (directory / name).write_text(fill(f"c/{name}.j2", context), encoding="utf-8")
+    for name, text in elementary_sources(
+        "/* test build */", render_context(), further=True
+    ).items():
+        (directory / name).write_text(text, encoding="utf-8")
     (directory / "batch.c").write_text(_BATCH, encoding="utf-8")
     return directory
 

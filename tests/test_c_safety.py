@@ -15,8 +15,12 @@ from pfaffian.runtime.generated_model import fill_records, host_model, open_gene
 from pfaffian.runtime.layout import layout_of
 from pfaffian.runtime.toolchain import controller_sources
 
-OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC = range(6)
-REFUSED = (BAD_INPUT, BAD_PARAMETER, NUMERIC)
+OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC, NOT_READY, BAD_ARITHMETIC = range(
+    8
+)
+#: What a step may say: its arithmetic is judged by init.
+STATUSES = range(NOT_READY + 1)
+REFUSED = (BAD_INPUT, BAD_PARAMETER, NUMERIC, NOT_READY)
 LARGEST, TINY, NORMAL = np.finfo(float).max, 5e-324, np.finfo(float).tiny
 _SIZES = (
     *(0.0, 1.0, np.inf, np.nan, LARGEST, TINY, NORMAL, NORMAL - TINY, np.pi / 2, 0.5),
@@ -100,7 +104,7 @@ def stepped(host, state, params, measured):
 
 
 def assert_safe(before, params, after, output, status):
-    assert np.isin(status, range(6)).all()
+    assert np.isin(status, STATUSES).all()
     assert is_finite(output).all()
     refused = np.isin(status, REFUSED)
     assert (np.abs(output["tau"][~refused]) <= params["torque_limit"][~refused]).all()
@@ -116,7 +120,7 @@ def test_torque_is_finite_and_bounded_on_a_million_garbage_samples(host, seed):
     state, params, measured = (garbage(rng, b) for b in sensible(FOLDER, rng, 200_000))
     after, output, status = stepped(host, state, params, measured)
     assert_safe(state, params, after, output, status)
-    assert (np.bincount(status, minlength=6) > 1000).all()  # every way out is tried
+    assert (np.bincount(status, minlength=7) > 1000).all()  # every way out is tried
 
 
 def test_raw_bit_patterns_everywhere(host):
@@ -169,10 +173,10 @@ def test_a_corrupted_prepared_member_gives_no_torque_beyond_the_limit(host, memb
 
 
 def test_a_state_that_init_never_saw_is_refused(host):
-    """All zero, as memory is before init: 0 over 0 is no torque."""
+    """All zero, as memory is before init: nothing is divided by it."""
     params = fill_records(host.records("params"), SETS["sim"])
     state, output, status = stepped(host, host.records("state"), params, host.records("input"))
-    assert status[0] == NUMERIC
+    assert status[0] == NOT_READY
     assert not raw(output).any()
     assert not raw(state).any()
 
@@ -372,7 +376,7 @@ int main(void)
     while (fread(&state, sizeof state, 1, stdin) == 1 && fread(&params, sizeof params, 1, stdin)
         && fread(&input, sizeof input, 1, stdin)) {
         int status = (int)pendubot_step(&state, &params, &input, &output);
-        if (!(output.tau <= DBL_MAX && output.tau >= -DBL_MAX) || status < 0 || status > 5) {
+        if (!(output.tau <= DBL_MAX && output.tau >= -DBL_MAX) || status < 0 || status > 6) {
             return 3;
         }
         (void)pendubot_init(&state, &params);

@@ -22,7 +22,7 @@ from pfaffian.derive.elementary_single import (
     single_coefficients,
     single_render_context,
 )
-from pfaffian.derive.emit.emitter import fill
+from pfaffian.derive.emit.function import elementary_sources
 from pfaffian.derive.emit.precision import SINGLE
 from pfaffian.runtime.machine import Ppc750Machine
 from pfaffian.runtime.toolchain import processor_has_fma
@@ -70,9 +70,9 @@ uint32_t batch(uint32_t which, uint32_t count, const float *x, float *y, float *
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("single")
-    context = {"header": "/* test build */", **single_render_context()}
-    for name in (*SINGLE.elementary_files, SINGLE.further_header):
-        (folder / name).write_text(fill(f"c/{name}.j2", context), encoding="utf-8")
+    made = elementary_sources("/* test build */", single_render_context(), SINGLE, further=True)
+    for name, text in made.items():
+        (folder / name).write_text(text, encoding="utf-8")
     (folder / "batch.c").write_text(_BATCH, encoding="utf-8")
     return folder
 

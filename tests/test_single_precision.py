@@ -57,8 +57,8 @@ from pfaffian.runtime.toolchain import GCC_PPC
 
 MODELS = ("pendubot", "pvtol")
 FLIGHTS = {"pendubot": "section-5.1-designed", "pvtol": "pvtol-hover"}
-OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC = range(6)
-REFUSED = (BAD_INPUT, BAD_PARAMETER, NUMERIC)
+OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC, NOT_READY = range(7)
+REFUSED = (BAD_INPUT, BAD_PARAMETER, NUMERIC, NOT_READY)
 HARNESS = Path(str(files("pfaffian.runtime").joinpath("c/pf_harness.c")))
 WARNINGS = (
     *("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Wpedantic"),
@@ -418,7 +418,7 @@ def test_whatever_comes_in_the_torque_is_finite_and_within_its_limit(name, folde
     for n in output.dtype.names:
         output[n] = np.nan
     host.step(after, params, measured, output, status)
-    assert np.isin(status, range(6)).all()
+    assert np.isin(status, range(7)).all()
     assert is_finite(output).all()
     refused = np.isin(status, REFUSED)
     for actuator, limit in zip(manifest.actuators, manifest.limits, strict=True):

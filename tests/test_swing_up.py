@@ -295,8 +295,8 @@ def test_any_bits_give_a_finite_torque_within_its_limit(host):
     idle = np.isin(status, [codes.index(c) for c in ("BAD_INPUT", "BAD_PARAMETER", "NUMERIC")])
     assert (output["tau"][idle] == 0.0).all()
     assert (np.abs(output["tau"][~idle]) <= params["torque_limit"][~idle]).all()
-    # A status that stays away would make the claim empty.
-    assert {codes[k] for k in np.unique(status)} == set(codes)
+    # A status that stays away would make the claim empty; two are of what has a memory or an init.
+    assert {codes[k] for k in np.unique(status)} == {*codes} - {"NOT_READY", "BAD_ARITHMETIC"}
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e5])

@@ -216,7 +216,7 @@ def test_steps_are_bit_identical_on_host_and_target(host, name, draw):
         assert (here[..., accepted] == seen[..., accepted]).all()
     for here, seen in zip(wanted[3:], found[3:], strict=True):
         assert (here == seen).all()
-    assert len(np.unique(wanted[2])) == (6 if draw is wild else 3)
+    assert len(np.unique(wanted[2])) == (7 if draw is wild else 3)
 
 
 @pytest.mark.parametrize("name", TOOLCHAINS)

@@ -29,9 +29,6 @@ from pfaffian.runtime.manifest import ABI_VERSION
 #: Largest |time| in seconds taken as a measurement of a time-varying constraint: thirty years.
 TIME_BOUND = 1e9
 
-#: Files of the elementary functions of double; each has a template of its name.
-ELEMENTARY_FILES = DOUBLE.elementary_files
-
 
 @dataclass(frozen=True)
 class Emission:

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pfaffian.derive.elementary import render_context
 from pfaffian.derive.emit.c import body_of
-from pfaffian.derive.emit.emitter import ELEMENTARY_FILES, calls_further, fill
-from pfaffian.derive.emit.precision import DOUBLE
+from pfaffian.derive.emit.emitter import calls_further, fill
+from pfaffian.derive.emit.precision import DOUBLE, Precision
 from pfaffian.derive.program import Program
+
+_HEADER = "/* For a measurement. */"
+
+
+def elementary_sources(
+    header: str,
+    coefficients: Mapping[str, object],
+    precision: Precision = DOUBLE,
+    further: bool = False,
+) -> dict[str, str]:
+    """Return the files of the elementary functions of `precision`, and what they include."""
+    context = {"header": header, **precision.names(), **coefficients}
+    files = [*precision.elementary_files, *([precision.further_header] if further else [])]
+    made = {name: fill(f"c/{name}.j2", context) for name in files}
+    f = precision.suffix
+    return {**made, f"pf_arithmetic{f}.h": fill("c/pf_arithmetic.h.j2", context)}
 
 
 def emit_function(program: Program) -> dict[str, str]:
@@ -25,9 +43,7 @@ def emit_function(program: Program) -> dict[str, str]:
         "lines": body.lines,
         "results": list(body.results.values()),
     }
-    elementary = {"header": "/* For a measurement. */", **render_context()}
-    names = [*ELEMENTARY_FILES, *filter(None, [further])]
-    files = {n: fill(f"c/{n}.j2", elementary) for n in names}
-    scalar = {"header": "/* For a measurement. */", **DOUBLE.names()}
+    scalar = {"header": _HEADER, **DOUBLE.names()}
+    files = elementary_sources(_HEADER, render_context(), further=bool(further))
     files["pf_scalar.h"] = fill("c/pf_scalar.h.j2", scalar)
     return {**files, f"{program.name}.c": fill("c/function.c.j2", context)}
