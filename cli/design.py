@@ -108,7 +108,8 @@ def _base(model: LoweredModel, folder: ModelFolder, files: DesignFiles) -> tuple
     if not sets and not files.set_name:
         raise InputError(
             f"model {folder.name} has no parameter set",
-            remedy=f"write one beside {folder.spec_file}, or name a file with --params",
+            remedy=f"write one beside {folder.spec_file}, or name a file with --params; "
+            "pfaffian template prints one to fill in",
         )
     name = files.set_name or next(iter(sets))
     return read_set(folder.set_path(name), model.parameters, sets), name

@@ -136,7 +136,7 @@ def generation_of(source: ModelFolder) -> Generation:
     if not sets:
         raise InputError(
             f"model {source.name} has no parameter set",
-            remedy=f"write one beside {source.spec_file}",
+            remedy=f"write one beside {source.spec_file}; pfaffian template prints one to fill in",
         )
     plans = plan_tables(model, source, sets, None)
     controls = library_controls(model, source, sets, plans)

@@ -95,7 +95,8 @@ def generate_files(
     if not sets and not left_out:
         raise InputError(
             f"model {source.name} has no parameter set",
-            remedy=f"write one beside {source.spec_file}, or name a file with --params",
+            remedy=f"write one beside {source.spec_file}, or name a file with --params; "
+            "pfaffian template prints one to fill in",
         )
     clock.record("parameters", since)
     for line in (n for s in sets for n in s.notes):

@@ -96,7 +96,8 @@ def _parameters(folder: ModelFolder, files: PlanFiles) -> ParameterSet:
     if not (files.params or files.set_name or sets):
         raise InputError(
             f"model {folder.name} has no parameter set",
-            remedy=f"write one beside {folder.spec_file}, or name a file with --params",
+            remedy=f"write one beside {folder.spec_file}, or name a file with --params; "
+            "pfaffian template prints one to fill in",
         )
     path = files.params or folder.set_path(files.set_name or next(iter(sets)))
     return parameter_set(lowered_model(folder), folder, path)

@@ -150,7 +150,8 @@ def _gains(model: LoweredModel, written: Mapping[str, object]) -> list[Entry]:
 
 
 def _poles(order: int, written: Mapping[str, object], *, spare: bool) -> Entry:
-    what = f"{order} poles in 1/s, such as {json.dumps([-6] * order)}; the gains follow from them"
+    number = "1 pole" if order == 1 else f"{order} poles"
+    what = f"{number} in 1/s, such as {json.dumps([-6] * order)}; the gains follow from them"
     given = written.get(POLES_KEY)
     state = OPTIONAL if spare else REQUIRED if given is None else GIVEN
     value = _quoted(BLANK) if given is None else json.dumps(given, ensure_ascii=False)

@@ -12,7 +12,9 @@ DOC = (REPOSITORY / "docs" / "own-plant.md").read_text(encoding="utf-8")
 FILES = dict(
     re.findall(r"`([\w/]+\.(?:py|toml))`\n\n```(?:python|toml)\n(.*?)```", DOC, flags=re.DOTALL)
 )
-COMMANDS, OTHERS = (
+#: The files of the complete controller, which are written when there is a plan for them.
+CONTROL = dict(re.findall(r"`([\w/]+\.toml)`, [^`]*:\n\n```toml\n(.*?)```", DOC, flags=re.DOTALL))
+COMMANDS, FURTHER, WHOLE, OTHERS, SLIDE = (
     block.splitlines() for block in re.findall(r"```sh\n(.*?)```", DOC, flags=re.DOTALL)
 )
 #: What the document prints after each command that it names in brackets.
@@ -55,24 +57,23 @@ def _flat(text: str) -> str:
 
 def test_the_document_has_what_the_test_looks_for():
     ballbeam, carts = (f"{folder}/spec.py" for folder in ("ballbeam", "twocarts"))
-    assert set(FILES) == {ballbeam, "ballbeam/bench.toml", "mine.toml", carts, "twocarts/lab.toml"}
+    carts_set, slide, slide_set = "twocarts/lab.toml", "slide/spec.py", "slide/lab.toml"
+    ball_set = "ballbeam/bench.toml"
+    assert set(FILES) == {ballbeam, ball_set, "mine.toml", carts, carts_set, slide, slide_set}
+    assert set(CONTROL) == {"ballbeam/control/bench.toml", "complete.toml"}
+    assert [c.split()[1] for c in FURTHER] == ["template", "generate", "build", "pil", "plan"]
+    assert [c.split()[1] for c in WHOLE] == ["generate", "build", "simulate", "pil"]
+    assert [c.split()[1] for c in SLIDE] == ["derive", "generate"]
     assert [c.split()[1] for c in OTHERS] == ["generate", "verify"]
     assert [c.split()[1] for c in COMMANDS] == ["derive", "generate", "verify", "simulate"]
     assert len(FILES["ballbeam/spec.py"].splitlines()) <= 32
-    assert len(PRINTED) == 3
+    assert len(PRINTED) == 5
     assert len(BAD) == 6
 
 
 @pytest.mark.target
 def test_the_commands_of_the_document_work_and_print_what_it_says(plant, run):
-    said = {}
-    for line in COMMANDS:
-        done = run(*_command(line))
-        assert done.code == 0, done.err
-        said[line] = _flat(re.sub(r"[^\x00-\x7f]", " ", done.out))
-    for command, text in PRINTED.items():
-        for shown in text.splitlines():
-            assert _flat(shown) in said[command]
+    assert _all_work(COMMANDS, run) == 3
     verified = run(*_command(COMMANDS[2]), "--json").document()
     assert verified["passed"]
     assert verified["samples"] == 300
@@ -80,6 +81,44 @@ def test_the_commands_of_the_document_work_and_print_what_it_says(plant, run):
     assert set(flown["status"]) == {"OK"}
     assert flown["mae2_r"] < 1e-3
     assert flown["mae2_theta"] < 1e-4
+
+
+def _all_work(commands, run):
+    """Run the commands and look for what the document says they print; return how many say."""
+    shown = 0
+    for line in commands:
+        done = run(*_command(line))
+        assert done.code == 0, done.err
+        said = _flat(re.sub(r"[^\x00-\x7f]", " ", done.out))
+        for text in PRINTED.get(line, "").splitlines():
+            assert _flat(text) in said
+        shown += line in PRINTED
+    return shown
+
+
+@pytest.mark.target
+def test_from_there_to_a_complete_controller_that_catches_the_ball_on_host_and_target(plant, run):
+    assert run(*_command(COMMANDS[1])).code == 0
+    assert _all_work(FURTHER, run) == 1
+    assert run("template", "./ballbeam", "--json").document()["required"]
+    for name, text in CONTROL.items():
+        path = plant / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    assert _all_work(WHOLE, run) == 1
+    flown = run(*_command(WHOLE[-1]), "--json").document()
+    assert flown["differing_bits"] == 0
+    assert flown["time_to_capture"] == pytest.approx(3.4, abs=0.4)
+    assert flown["mae2_r"] < 0.01
+    assert flown["saturated_share"] == 0
+
+
+def test_a_slide_of_twenty_tons_with_friction_of_its_own_is_generated(plant, run, refused):
+    assert _all_work(SLIDE, run) == 0
+    spec = plant / "slide" / "spec.py"
+    spec.write_text(spec.read_text().replace(", domain=Domain()", ""), encoding="utf-8")
+    says = ("slide/lab.toml: parameters.mass: mass = 20000 kg is out of bounds",)
+    refused("generate", "./slide", "-o", "bounded", says=says)
 
 
 @pytest.mark.target

@@ -127,3 +127,10 @@ def test_a_template_overwrites_nothing_unasked_and_says_one_document(run, refuse
     assert document["template"] == (workspace / "mine.toml").read_text(encoding="utf-8")
     assert document["required"] == []
     assert {"table", "key", "unit", "description", "state", "value"} <= set(document["keys"][0])
+
+
+def test_who_has_no_set_is_told_where_one_comes_from(refused, own_plants):
+    (own_plants / "slide" / "lab.toml").unlink()
+    says = ("model slide has no parameter set", "pfaffian template prints one to fill in")
+    refused("generate", "./slide", "-o", "out", says=says)
+    refused("design", "./slide", says=says)
