@@ -108,12 +108,16 @@ def written(workspace, spec: str, text: str):
 
 @pytest.mark.target
 @pytest.mark.parametrize(("spec", "text"), [(MIRROR, MIRROR_SET), (SHIP, SHIP_SET)])
-def test_a_mirror_and_a_ship_are_generated_and_built(spec, text, workspace, run):
+def test_a_mirror_and_a_ship_are_generated_built_and_verified(spec, text, workspace, run):
     written(workspace, spec, text)
     done = run("generate", "./plant", "-o", "out")
     assert done.code == 0, done.err
     built = run("build", "./plant", "--generated", "out", "--target", "ppc750", "--json")
     assert built.code == 0, built.err
+    arguments = ("./plant", "--generated", "out", "--samples", "200", "--json")
+    found = run("verify", *arguments).document()
+    assert found["passed"], found
+    assert found["target_mismatches"] == 0
 
 
 def test_what_a_plant_does_not_bound_is_bounded_by_nothing_but_its_sign(workspace):
