@@ -34,6 +34,7 @@ LONG = {
     "run": "run pendubot -o made",
     "simulate": "simulate rig-balance",
     "targets": "targets",
+    "template": "template pendubot",
     "verify": "verify pendubot",
 }
 #: Commands that may end, or have said all, before a later interrupt.
