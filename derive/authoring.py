@@ -17,7 +17,6 @@ from pfaffian.derive.constraint import about_constraint
 from pfaffian.derive.dimensions import check_unit, unit_product
 from pfaffian.derive.exact_numbers import exact_expression
 from pfaffian.derive.law_parameters import (
-    LABORATORY,
     Domain,
     SwingUpGains,
     friction_force,
@@ -62,10 +61,10 @@ class ModelBuilder:
     def __init__(self, name: str, title: str, source: str, *, domain: Domain | None = None) -> None:
         """Start a model; `source` says where its parameters and its constraint come from.
 
-        `domain` bounds what states no bound of its own: what stands on a table, unless given. With
-        `Domain()` nothing is bounded but its sign, and the parameter sets give the scale.
+        `domain` bounds what states no bound of its own; without one nothing is bounded but its
+        sign, and the parameter sets give the scale.
         """
-        self._domain = domain or LABORATORY
+        self._domain = domain or Domain()
         self._name, self._title, self._source = name, title, source
         self._coordinates: list[Coordinate] = []
         self._parameters: list[Parameter] = []

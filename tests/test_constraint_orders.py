@@ -329,7 +329,7 @@ def test_a_setpoint_at_which_the_constraint_does_not_rest_is_refused(rest, tmp_p
         'w = m.gain("w", "m", "weight"); v = m.gain("v", "m/s", "of th")\n    '
         f'm.first_order("s", "m/s", dx + k * x + w * dth + v * th{rest})'
     )
-    gains = 'w = "0.590833 m"\nk = "2 1/s"\nv = "2.635 m/s"\n' + STABILISED
+    gains = 'w = "0.590833 m"\nk = "2 1/s"\nv = "2.635 m/s"\nxd = "0 m"\n' + STABILISED
     folder = written(tmp_path / "own", constraint, gains, parameters='swing = "1e-6 m"')
     if rest:
         says = ("lab.toml: the servo-constraint does not rest at the setpoint: the residual s is",)

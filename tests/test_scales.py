@@ -13,11 +13,10 @@ from pfaffian.derive.spec import Actuator
 MIRROR = """\
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.law_parameters import Domain
 
 
 def model():
-    m = ModelBuilder("mirror", title="Torsional micromirror", source="own", domain=Domain())
+    m = ModelBuilder("mirror", title="Torsional micromirror", source="own")
     a, da = m.coordinate("frame", "rad", "driven frame", bound=10, rate_bound=1e7)
     b, db = m.coordinate("tilt", "rad", "mirror against the frame", bound=10, rate_bound=1e7)
     ja = m.parameter("frame_inertia", "kg*m^2", "frame")
@@ -55,11 +54,10 @@ singular_threshold = "1e15 1/(kg*m^2)"
 SHIP = """\
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.law_parameters import Domain
 
 
 def model():
-    m = ModelBuilder("ship", title="Ship with a hanging load", source="own", domain=Domain())
+    m = ModelBuilder("ship", title="Ship with a hanging load", source="own")
     x, dx = m.coordinate("x", "m", "along the track", bound=1e6, rate_bound=100)
     a, da = m.coordinate("swing", "rad", "of the load from hanging", bound=100, rate_bound=100)
     ship = m.parameter("ship_mass", "kg", "with the water it moves")
