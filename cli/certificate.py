@@ -130,7 +130,10 @@ def _with_parameters(
     from pfaffian.derive.pipeline import parameter_set
 
     before = scenario.folder.parameters(scenario.set_name)
-    after = parameter_set(model, source, path).as_dict()
+    given = parameter_set(model, source, path)
+    for line in given.notes:
+        output.note(line)
+    after = given.as_dict()
 
     def merged(values: Any) -> dict[str, float]:
         kept = {n: v for n, v in values.items() if n not in before or v != before[n]}

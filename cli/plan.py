@@ -100,7 +100,10 @@ def _parameters(folder: ModelFolder, files: PlanFiles) -> ParameterSet:
             "pfaffian template prints one to fill in",
         )
     path = files.params or folder.set_path(files.set_name or next(iter(sets)))
-    return parameter_set(lowered_model(folder), folder, path)
+    chosen = parameter_set(lowered_model(folder), folder, path)
+    for line in chosen.notes:
+        output.note(line)
+    return chosen
 
 
 def _planned(derivation: Derivation, chosen: ParameterSet, wishes: Wishes) -> Plan:

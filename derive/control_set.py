@@ -135,7 +135,7 @@ def _encoder(table: Values, c: CoordinateInterface, path: Path) -> dict[str, Any
                 remedy=f"give what a count is worth, {_FINEST:.3g} to {_COARSEST:.3g} {c.unit}",
             )
         values["counts_per_turn"] = 2.0 * math.pi / quantum
-    elif c.unit != "rad" and "counts_per_turn" not in table:
+    elif c.unit != "rad":
         raise InputError(
             f"{where}: an encoder in {c.unit} has no turns",
             remedy=f'give quantum, what a count is worth, for instance "0.0001 {c.unit}"',

@@ -16,7 +16,9 @@ from scipy.integrate import solve_ivp
 
 Array = np.ndarray[Any, Any]
 
-_RELATIVE, _ABSOLUTE = 1e-8, 1e-10
+_RELATIVE = 1e-8
+#: What the integration resolves of each state, in its SI unit.
+ABSOLUTE = 1e-10
 _MOST_EVALUATIONS = 1_000_000
 
 
@@ -131,7 +133,7 @@ def fly_continuous(scenario: Scenario, host: GeneratedModel) -> ContinuousFlight
         times,
         events=_singular_event(loop),
         rtol=_RELATIVE,
-        atol=_ABSOLUTE,
+        atol=ABSOLUTE,
     )
     ended = "" if found.status == 0 else f"after {found.t[-1]:.4g} s: {found.message}"
     if found.status == 1:

@@ -43,14 +43,14 @@ def test_an_angle_may_have_a_quantum_too(workspace):
     assert _read(text, workspace)["theta"]["counts_per_turn"] == pytest.approx(4000.0, rel=1e-15)
 
 
-def test_counts_of_two_pi_metres_are_still_read(workspace):
-    text = CART.replace('quantum = "0.1 mm"', "counts_per_turn = 50000")
-    assert _read(text, workspace)["x"]["counts_per_turn"] == 50000.0
-
-
 REFUSED = {
     "both": ('"0.1 mm"', '"0.1 mm"\ncounts_per_turn = 9', "encoder.x: quantum and counts_per_turn"),
     "neither": ('quantum = "0.1 mm"\n', "", "encoder.x: an encoder in m has no turns"),
+    "turns of a metre": (
+        'quantum = "0.1 mm"',
+        "counts_per_turn = 50000",
+        "encoder.x: an encoder in m has no turns",
+    ),
     "another unit": ('"0.1 mm"', '"0.1 mrad"', "encoder.x.quantum: mrad has dimension"),
     "no unit": ('"0.1 mm"', "1e-4", "encoder.x.quantum: 0.0001 has no unit"),
     "nothing": ('"0.1 mm"', '"0 mm"', "encoder.x.quantum = 0 m is out of its bounds"),

@@ -19,7 +19,7 @@ from pfaffian.derive.certificate.uncertainty import (
 )
 from pfaffian.derive.derivation import Derivation
 from pfaffian.derive.program import Program
-from pfaffian.runtime.continuous import ContinuousFlight
+from pfaffian.runtime.continuous import ABSOLUTE, ContinuousFlight
 from pfaffian.runtime.errors import CheckError
 from pfaffian.runtime.scenario import Scenario
 
@@ -71,10 +71,10 @@ class Claim:
     late: float | None
 
     def broken(self) -> str:
-        """Return what the flight showed beyond the bounds, or nothing."""
-        if self.largest > self.bound * (1.0 + _TOLERANCE):
+        """Return what the flight showed beyond the bounds and what it resolves, or nothing."""
+        if self.largest > self.bound * (1.0 + _TOLERANCE) + ABSOLUTE:
             return f"{self.form}: {self.largest:.4g} passes the bound {self.bound:.4g}"
-        if self.late is not None and self.late > self.ultimate * (1.0 + _TOLERANCE):
+        if self.late is not None and self.late > self.ultimate * (1.0 + _TOLERANCE) + ABSOLUTE:
             return f"{self.form}: {self.late:.4g} passes the ultimate bound {self.ultimate:.4g}"
         return ""
 

@@ -15,6 +15,8 @@ Box = Mapping[str, tuple[float, float]]
 
 #: Relative gap between the bound and a value attained at which the search ends.
 GAP = 5e-3
+#: A bound this close to what is attained is as good: outward rounding of zeros ends there.
+_NOTHING = float(np.finfo(float).tiny)
 _BATCH = 2048
 _MOST_PASSES = 150
 #: Instructions evaluated on boxes after which a search stops with the bound it has: more dimensions
@@ -53,7 +55,7 @@ class Objective:
         """Return the value at `points`, shape (N,)."""
         found = evaluate_at(self.program, {**self.fixed, **points})
         below = found[self.denominator] if self.denominator else np.asarray(1.0)
-        shape = np.shape(next(iter(points.values())))
+        shape = np.shape(next(iter(points.values()), np.zeros(1)))  # a constant has no inputs
         with np.errstate(all="ignore"):
             return np.broadcast_to(np.abs(found[self.numerator]) / below, shape)
 
@@ -161,10 +163,10 @@ class _Search:
         settled = -np.inf
         self._probe(self.low, self.high)
         for _ in range(_MOST_PASSES):
-            hopeful = self.upper > self.best + GAP * abs(self.best)
+            hopeful = self.upper > self.best + GAP * abs(self.best) + _NOTHING
             settled = max(settled, float(self.upper[~hopeful].max(initial=-np.inf)))
             self._keep(hopeful)
-            if not len(self.upper) or self.count * self._cost > _MOST_WORK:
+            if not len(self.upper) or not self.names or self.count * self._cost > _MOST_WORK:
                 break
             self._advance()
         bound = max(settled, self.best, float(self.upper.max(initial=-np.inf)))
