@@ -190,6 +190,16 @@ def test_carts_asked_for_their_distance_are_free_to_go(plant, run):
     assert done.document()["design"]["zero_dynamics_poles"] == [[-1.0, 0.0]]
 
 
+def test_shafts_behind_a_gear_are_free_to_turn_together(plant, run):
+    ratio = '    n = m.parameter("ratio", "", "of the gear")\n    m.actuator("tau"'
+    spec = DISTANCE.replace('    m.actuator("tau"', ratio).replace("y - x", "y - n * x")
+    plant(spec, LINE.replace("[gains]", 'k = "3 N/m"\nratio = 5\n[gains]'))
+    zeros = derivation_of(find_model("./plant")).zero_dynamics
+    assert [(d.name, d.zeros) for d in zeros.cyclic] == [("ratio*y + x", 2)]
+    done = run("derive", "./plant", "--set", "lab", "--json")
+    assert done.document()["design"]["zero_dynamics_poles"] == [[-1.0, 0.0]]
+
+
 def test_both_angles_at_once_are_refused_for_the_momentum_that_is_conserved(plant, refused):
     values = SET.replace(
         'rate_b = "1 1/s"\n', 'weight_body = 2\nrate_body = "1 1/s"\nrate_wheel = "1 1/s"\n'
