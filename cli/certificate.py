@@ -81,14 +81,14 @@ def _check_choice(set_name: str | None, params: Path | None) -> None:
 
 def _own_code(source: ModelFolder, scratch: Path) -> Path | None:
     """Return a folder of freshly generated code; nothing for a model whose code is here."""
-    from pfaffian.cli.main_job import generation_of
+    from pfaffian.derive.generate_model import Sets, generate_model
     from pfaffian.derive.library import library_models
     from pfaffian.derive.writer import write_generation
 
     if source in library_models().values():
         return None
     output.note(f"generating the code of {source.name}")
-    write_generation(generation_of(source), scratch / source.name)
+    write_generation(generate_model(source, Sets(whole=True)).generation, scratch / source.name)
     return scratch / source.name
 
 

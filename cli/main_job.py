@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
-from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from pfaffian.derive.generation import Generation
-    from pfaffian.derive.library import ModelFolder
     from pfaffian.runtime.report import ReportData
 
 #: The model whose complete flight is drawn in the report.
@@ -27,6 +24,7 @@ def run_main_job(
     With `generated` the code in that folder is the one that is verified and flown. All files
     appear at the end, and none where the job is broken off.
     """
+    from pfaffian.derive.generate_model import Sets, generate_model
     from pfaffian.derive.library import find_model
     from pfaffian.derive.writer import check_target, write_generation
     from pfaffian.runtime.files import check_output, check_output_folder, committing, write_outputs
@@ -49,7 +47,8 @@ def run_main_job(
         place, generation = target, None
         if not generated:
             output.note(f"deriving {source.name} and generating its code")
-            place, generation = Path(scratch) / target, generation_of(source)
+            place = Path(scratch) / target
+            generation = generate_model(source, Sets(whole=True)).generation
             write_generation(generation, place)
         data, flights = job.done(place)
         html = render_report(data).encode()
@@ -118,30 +117,6 @@ def _check_tools() -> None:
     host_target()
     ppc750_target()
     emulator()
-
-
-def generation_of(source: ModelFolder) -> Generation:
-    """Return the generation of `source` with all its sets, plans and complete controllers."""
-    from pfaffian.derive.emit.emitter import Emission
-    from pfaffian.derive.generation import generate
-    from pfaffian.derive.pipeline import (
-        library_controls,
-        library_sets,
-        lowered_model,
-        plan_tables,
-    )
-
-    model = lowered_model(source)
-    sets = library_sets(model, source)
-    if not sets:
-        raise InputError(
-            f"model {source.name} has no parameter set",
-            remedy=f"write one beside {source.spec_file}; pfaffian template prints one to fill in",
-        )
-    plans = plan_tables(model, source, sets, None)
-    controls = library_controls(model, source, sets, plans)
-    with source.blamed():
-        return generate(Emission(model, sets, plans=plans, controls=controls))
 
 
 def _print_summary(document: dict[str, Any]) -> None:
