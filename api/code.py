@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,8 +91,3 @@ def _belongs(source: ModelFolder) -> bool:
     from pfaffian.derive.library import library_models
 
     return source in library_models().values()
-
-
-def joined(values: Iterable[object]) -> str:
-    """Return values as options of the command line have them: separated by commas."""
-    return ",".join(map(str, values))

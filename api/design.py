@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -136,3 +136,21 @@ def plan(derivation: Derivation, parameters: Parameters, wishes: PlanWishes) -> 
         defect=found.check.defect,
         _plan=found,
     )
+
+
+def joined(values: Iterable[object]) -> str:
+    """Return values as options of the command line have them: separated by commas."""
+    return ",".join(map(str, values))
+
+
+def assignments(values: Mapping[str, Any] | None) -> str:
+    """Return values by name as options of the command line have them: NAME=VALUE,..."""
+    return joined(f"{name}={value}" for name, value in (values or {}).items())
+
+
+def pole_text(pole: complex | str) -> str:
+    """Return a pole as the option `--poles` has it, with all its digits."""
+    if isinstance(pole, str):
+        return pole
+    value = complex(pole)
+    return f"{value.real!r}{value.imag:+}j" if value.imag else repr(value.real)

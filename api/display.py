@@ -4,13 +4,41 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from html import escape
+from typing import Protocol
 
 from pfaffian.runtime.errors import InputError
 
 #: Told of what is going on: a line of text.
 Note = Callable[[str], None]
+#: Called with (done, total).
+Update = Callable[[int, int], None]
+
+
+class Teller(Protocol):
+    """Who is told of what is going on: the command line, or nobody."""
+
+    def note(self, text: str, /) -> None:
+        """Say what is being done."""
+
+    def progress(self, label: str, /) -> AbstractContextManager[Update]:
+        """Show how far something is while the context lasts."""
+
+
+class Silent:
+    """Passes over everything: in Python nobody asked for it."""
+
+    def note(self, text: str, /) -> None:
+        """Pass over `text`."""
+
+    @contextmanager
+    def progress(self, label: str, /) -> Iterator[Update]:
+        """Pass over `label` and what it is told."""
+        yield lambda done, total: None
+
+
+SILENT = Silent()
 _OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
 
 

@@ -9,20 +9,48 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pfaffian.api.display import html_table
+from pfaffian.api.display import SILENT, Teller, html_table
 from pfaffian.runtime.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
     import numpy as np
     from pfaffian.runtime.flight import Trajectory as Recorded
-    from pfaffian.runtime.generated_model import GeneratedFolder
+    from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel
     from pfaffian.runtime.scenario import Scenario
+    from pfaffian.runtime.twin.recording import Flight, Wanted
+    from pfaffian.runtime.twin.settings import TwinScenario
 
     Array = np.ndarray[Any, np.dtype[Any]]
 
 #: Entries of a scenario outside its tables that may be changed.
 _TOP = ("duration", "plant_substeps")
 Changes = Mapping[str, Any]
+EMULATORS = ("unicorn", "qemu-user", "qemu-system")
+#: Emulators, and the targets that each flies.
+BARE_TARGET = "ppc750"
+
+
+@dataclass(frozen=True)
+class Emulated:
+    """Where a flight in the loop runs; `budget` is the share of a period that a step may take."""
+
+    emulator: str = "unicorn"
+    target: str = BARE_TARGET
+    budget: float = 0.1
+
+    def check(self) -> None:
+        """Raise `InputError` for what is not there."""
+        if self.emulator not in EMULATORS:
+            raise InputError(
+                f"unknown emulator {self.emulator}", remedy=f"known: {', '.join(EMULATORS)}"
+            )
+        if self.emulator == "qemu-system" and self.target != BARE_TARGET:
+            raise InputError(
+                f"--emulator qemu-system has no board with target {self.target}",
+                remedy=f"it flies {BARE_TARGET}; other targets: unicorn or qemu-user",
+            )
+        if not 0.0 < self.budget <= 1.0:
+            raise InputError(f"--budget {self.budget:g} is no share of a period", remedy="0 to 1")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,15 +168,6 @@ def trajectory_of(flown: Recorded) -> Trajectory:
     )
 
 
-def fly_here(scenario: Scenario) -> Trajectory:
-    """Fly `scenario` on this machine."""
-    from pfaffian.runtime.flight import fly
-    from pfaffian.runtime.generated_model import host_model
-
-    host = host_model(scenario.folder)
-    return trajectory_of(fly(scenario, host, host, "host"))
-
-
 def changed_scenario(
     path: Path,
     code: GeneratedFolder,
@@ -183,3 +202,164 @@ def changed_scenario(
 def is_of_flight(name: str, code: GeneratedFolder) -> bool:
     """Return whether `name` is of the flight: of its start, its duration or its integration."""
     return name in _TOP or name in code.manifest.structures["plant_state"].names()
+
+
+def fly_host(scenario: Scenario, tell: Teller = SILENT) -> tuple[Recorded, dict[str, Any]]:
+    """Fly on this machine; return the trajectory and its document."""
+    from pfaffian.runtime.flight import fly
+    from pfaffian.runtime.generated_model import host_model
+
+    host = host_model(scenario.folder)
+    with tell.progress(f"flying {scenario.name} on the host") as update:
+        trajectory = fly(scenario, host, host, "host", update)
+    return trajectory, flight_document(trajectory)
+
+
+def fly_both(
+    scenario: Scenario, where: Emulated | None = None, tell: Teller = SILENT
+) -> tuple[Recorded, dict[str, Any]]:
+    """Fly on the emulated target and on this machine; return the target's flight.
+
+    Where bits of a flight in single differ, a build that rounds as the emulator does may have the
+    target's: they are then counted as the emulator's.
+    """
+    from pfaffian.runtime.flight import differing_bits, fly
+    from pfaffian.runtime.generated_model import host_model, twice_rounding_model
+
+    where = where or Emulated()
+    host = host_model(scenario.folder)
+    there, costs = _fly_there(scenario, where, host, tell)
+    with tell.progress(f"flying {scenario.name} on the host") as update:
+        here = fly(scenario, host, host, "host", update)
+    document = {**flight_document(there), **costs, "host_trajectory_sha256": here.sha256()}
+    differing = differing_bits(here, there)
+    if scenario.folder.manifest.precision == "single":
+        witness = fly(scenario, twice_rounding_model(scenario.folder), host, "host")
+        remaining = min(differing, differing_bits(witness, there))
+        document["emulator_bits"] = differing - remaining
+        differing = remaining
+    return there, {**document, "differing_bits": differing}
+
+
+def _fly_there(
+    scenario: Scenario, where: Emulated, host: GeneratedModel, tell: Teller
+) -> tuple[Recorded, dict[str, Any]]:
+    """Fly on the emulated target; return the flight, and what it cost where that is known.
+
+    With unicorn the plant stays on this machine; the others fly it on the target too.
+    """
+    from pfaffian.runtime.flight import fly
+    from pfaffian.runtime.flight_program import bare_document, fly_bare, fly_qemu_user
+    from pfaffian.runtime.generated_model import emulated_model
+    from pfaffian.runtime.toolchain import find_target
+
+    text = f"flying {scenario.name} on the emulated {where.target}, {where.emulator}"
+    if where.emulator == "unicorn":
+        target = find_target(where.target)
+        if not target.unicorn:
+            raise InputError(
+                f"target {where.target} is not emulated by unicorn",
+                remedy="try --emulator qemu-user",
+            )
+        there = emulated_model(scenario.folder, target)
+        with tell.progress(text) as update:
+            return fly(scenario, there, host, "pil-unicorn", update), {}
+    with tell.progress(text):
+        if where.emulator == "qemu-user":
+            return fly_qemu_user(scenario, where.target), {}
+        flown, report = fly_bare(scenario)
+        return flown, bare_document(report, where.budget)
+
+
+def flight_document(trajectory: Recorded) -> dict[str, Any]:
+    """Return the document of one flight."""
+    from pfaffian.runtime.metrics import status_counts, tracking_metrics
+
+    return {
+        "scenario": trajectory.scenario.name,
+        "set": trajectory.scenario.set_name,
+        "mode": trajectory.mode,
+        "steps": len(trajectory.time),
+        **tracking_metrics(trajectory),
+        "status": status_counts(trajectory),
+        "trajectory_sha256": trajectory.sha256(),
+    }
+
+
+def twin_document(
+    reference: str, mode: str, set_name: str | None, generated: Path | None, tell: Teller = SILENT
+) -> dict[str, Any]:
+    """Fly a scenario with a [twin] table; on an emulator also on the host, and compare."""
+    from pfaffian.runtime.twin.read import read_twin
+    from pfaffian.runtime.twin.recording import Wanted
+    from pfaffian.runtime.twin.rig import plant_model
+
+    scenario = read_twin(reference, generated, set_name)
+    model = plant_model(scenario.base.folder)
+    if mode == "host":
+        return _twin_document(_fly_twin(scenario, model, "host", Wanted(rigs=()), tell), "host")
+    return _compared_twins(scenario, model, mode, Wanted(rigs=range(scenario.rigs)), tell)[1]
+
+
+def whole_flight(
+    reference: str, generated: Path, tell: Teller = SILENT
+) -> tuple[Flight, dict[str, Any]]:
+    """Fly a scenario of one rig on the emulated 750 and on the host; return the latter with both
+    flights' document."""
+    from pfaffian.runtime.twin.read import read_twin
+    from pfaffian.runtime.twin.recording import Wanted
+    from pfaffian.runtime.twin.rig import plant_model
+
+    scenario = read_twin(reference, generated)
+    return _compared_twins(scenario, plant_model(scenario.base.folder), "unicorn", Wanted(), tell)
+
+
+def _compared_twins(
+    scenario: TwinScenario, model: GeneratedModel, mode: str, wanted: Wanted, tell: Teller
+) -> tuple[Flight, dict[str, Any]]:
+    from pfaffian.runtime.twin.recording import differing_bits
+
+    there = _fly_twin(scenario, model, "ppc750", wanted, tell)
+    here = _fly_twin(scenario, model, "host", wanted, tell)
+    return here, {
+        **_twin_document(there, f"pil-{mode}"),
+        "host_trajectory_sha256": here.sha256(),
+        "differing_bits": differing_bits(here, there),
+    }
+
+
+def _fly_twin(
+    scenario: TwinScenario, model: GeneratedModel, machine: str, wanted: Wanted, tell: Teller
+) -> Flight:
+    from pfaffian.runtime.twin.controllers import CONTROLLERS
+    from pfaffian.runtime.twin.flight import fly_twin
+
+    place = "the host" if machine == "host" else "the emulated PowerPC 750GX"
+    unit = CONTROLLERS[scenario.controller](scenario, model, machine)
+    with tell.progress(f"flying {scenario.base.name} on the twin, {place}") as update:
+        return fly_twin(scenario, unit, wanted, model=model, threads=2, progress=update)
+
+
+def _twin_document(flight: Flight, mode: str) -> dict[str, Any]:
+    """Return the document of a flight: the worst of all rigs where there are several."""
+    from pfaffian.runtime.twin.statistics import summary
+
+    of, found = flight.scenario, flight.statistics
+    captured = int(found.captured.sum())
+    return {
+        "scenario": of.base.name,
+        "set": of.base.set_name,
+        "mode": mode,
+        "controller": of.controller,
+        "rigs": of.rigs,
+        "steps": int(found.periods.max()),
+        **summary(found, of.coordinates),
+        "captured": captured == of.rigs,
+        "captured_rigs": captured,
+        "time_to_capture": float(found.capture_time.max()) if captured == of.rigs else None,
+        "saturated_share": float(found.saturated.max()),
+        "limit_violations": int(found.violations.sum()),
+        "fault_periods": int(found.fault_periods.sum()),
+        "lost_rigs": int(found.lost.sum()),
+        "trajectory_sha256": flight.sha256(),
+    }

@@ -8,18 +8,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pfaffian.api.code import joined
+from pfaffian.api.design import assignments, joined, pole_text
 
 if TYPE_CHECKING:
+    from pfaffian.api.checking import Build, Certificate, Verification
     from pfaffian.api.code import GeneratedFiles
     from pfaffian.api.design import DesignResult, MotionPlan
     from pfaffian.api.equations import Equations
     from pfaffian.api.flights import Trajectory
     from pfaffian.api.loops import Batch, ClosedLoop, Controller, LinearSystem
+    from pfaffian.api.main_job import Report
     from pfaffian.api.parameters import Parameters
     from pfaffian.derive.library import ModelFolder
     from pfaffian.derive.lowered import LoweredModel
     from pfaffian.runtime.generated_model import GeneratedFolder
+    from pfaffian.runtime.scenario import Scenario
 
 Quantities = Mapping[str, Any]
 
@@ -145,17 +148,11 @@ class Model:
         `changes` are of the start (`q1="1 rad"`), of `duration` and `plant_substeps`, or of the
         set, as `parameters` has them; `controller` and `plant` change one of the two alone.
         """
-        from pfaffian.api.flights import changed_scenario, fly_here, is_of_flight
+        from pfaffian.api.flights import fly_host, trajectory_of
 
         path = self._scenario_path(str(scenario))
-        of_flight = {n: v for n, v in changes.items() if is_of_flight(n, self._code)}
-        of_set = {n: v for n, v in changes.items() if n not in of_flight}
-        chosen = None
-        if p is not None or of_set:
-            taken = self._changed(self._set_flown(path) if p is None else p, of_set)
-            chosen = taken.name, taken
         tables = {"controller": controller or {}, "plant": plant or {}}
-        return fly_here(changed_scenario(path, self._code, chosen, of_flight, tables))
+        return trajectory_of(fly_host(self._scenario(path, p, changes, tables))[0])
 
     def design(
         self,
@@ -177,10 +174,10 @@ class Model:
         from pfaffian.derive.design.study import Wishes
 
         wishes = Wishes(
-            poles=joined(_pole(pole) for pole in poles),
+            poles=joined(pole_text(pole) for pole in poles),
             riccati=joined(riccati),
-            friction=_assignments(friction),
-            box=_assignments(box),
+            friction=assignments(friction),
+            box=assignments(box),
             delay=delay,
             curve=curve,
         )
@@ -210,8 +207,8 @@ class Model:
             end_time=end_time,
             torque_limit=torque_limit,
             speed_limit=speed_limit,
-            weights=_assignments(weights),
-            start=_assignments(start),
+            weights=assignments(weights),
+            start=assignments(start),
             riccati=joined(riccati),
             seeds=seeds,
             seed=seed,
@@ -241,6 +238,93 @@ class Model:
         extras = Extras(bake, jacobians, batch, precision, None if plan is None else Path(plan))
         wanted = Sets() if p is None else Sets(given=(self._taken(p)._set,))
         return written(self._folder, Path(folder), wanted, extras)
+
+    def verify(
+        self,
+        *,
+        samples: int = 10_000,
+        target_samples: int | None = None,
+        sets: Sequence[str] = (),
+        generated: str | Path | None = None,
+    ) -> Verification:
+        """Check generated Python, host C and PowerPC C against the symbolic source at 60 digits.
+
+        `generated` is a folder of its code to check instead of the code that this model runs on.
+        """
+        from pfaffian.api.checking import verification, verified
+
+        code = self._code.path if generated is None else Path(generated)
+        reference = self._reference
+        return verified(self.name, verification(reference, samples, target_samples, code, sets))
+
+    def build(self, target: str | Path = "ppc750", *, toolchain: str = "auto") -> Build:
+        """Compile the controller for a target: its image, and what it costs there."""
+        from pfaffian.api.checking import build
+
+        return build(self._code, str(target), toolchain)
+
+    def certify(
+        self,
+        p: Parameters | str | Path | None = None,
+        *,
+        scenario: str | Path | None = None,
+        region: Quantities | None = None,
+        **changes: Any,
+    ) -> Certificate:
+        """Put Theorem 1 into numbers over a region, beside a flight of the continuous law.
+
+        `scenario` is the model's first unless it is given, `region` such as {"q1": "1:2", "rate":
+        8}, in rad and rad/s; `changes` are those of `simulate`.
+        """
+        from pfaffian.api.checking import certificate_of, certified
+        from pfaffian.api.display import keywords
+        from pfaffian.derive.pipeline import derivation_of
+        from pfaffian.runtime.scenario_files import report_scenarios
+
+        name = scenario or report_scenarios(self.name, self._folder.scenarios())[0]
+        flown = self._scenario(self._scenario_path(str(name)), p, changes, {})
+        with keywords():
+            found = certified(derivation_of(self._folder), flown, assignments(region), "")
+        return certificate_of(found)
+
+    def run(
+        self,
+        p: Parameters | str | Path | None = None,
+        *,
+        scenario: str | Path | None = None,
+        samples: int = 20_000,
+    ) -> Report:
+        """Generate, verify, build for PowerPC, fly in the loop, and report: the main job.
+
+        It flies `scenario`, or those marked for the report; with `p` that set alone is generated
+        and flown, and no scenario on the twin.
+        """
+        from pfaffian.api.code import fresh_code
+        from pfaffian.api.main_job import Job, check_tools, report_of
+        from pfaffian.derive.generate_model import Sets
+        from pfaffian.runtime.scenario_files import report_scenarios, report_twin
+
+        own = self._folder.scenarios()
+        twin = None
+        if scenario is None:
+            flown = report_scenarios(self.name, own)
+            twin = report_twin(self.name, own) if p is None else None
+        else:
+            flown = [str(self._scenario_path(str(scenario)))]
+        chosen = None if p is None else self._taken(p)
+        check_tools()
+        wanted = Sets(whole=True) if chosen is None else Sets(given=(chosen._set,))
+        code = fresh_code(self._folder, self, wanted)
+        name = chosen.name if chosen else None
+        return report_of(Job(self._reference, flown, twin, samples, name), code.path)
+
+    @property
+    def _reference(self) -> str:
+        """Return what `find_model` takes to find this model again."""
+        from pfaffian.derive.library import library_models
+
+        own = self._folder == library_models().get(self.name)
+        return self.name if own else str(self._folder.path)
 
     @cached_property
     def _lowered(self) -> LoweredModel:
@@ -294,18 +378,25 @@ class Model:
             )
         return path
 
+    def _scenario(
+        self,
+        path: Path,
+        p: Parameters | str | Path | None,
+        changes: Quantities,
+        tables: Mapping[str, Quantities],
+    ) -> Scenario:
+        """Return the scenario in `path` with the set `p`, where one is given, and `changes`."""
+        from pfaffian.api.flights import changed_scenario, is_of_flight
+
+        of_flight = {n: v for n, v in changes.items() if is_of_flight(n, self._code)}
+        of_set = {n: v for n, v in changes.items() if n not in of_flight}
+        chosen = None
+        if p is not None or of_set:
+            taken = self._changed(self._set_flown(path) if p is None else p, of_set)
+            chosen = taken.name, taken
+        return changed_scenario(path, self._code, chosen, of_flight, tables)
+
     def _set_flown(self, path: Path) -> str:
         from pfaffian.runtime.documents import read_toml
 
         return str(read_toml(path).get("set", ""))
-
-
-def _pole(pole: complex | str) -> str:
-    if isinstance(pole, str):
-        return pole
-    value = complex(pole)
-    return f"{value.real!r}{value.imag:+}j" if value.imag else repr(value.real)
-
-
-def _assignments(values: Quantities | None) -> str:
-    return joined(f"{name}={value}" for name, value in (values or {}).items())

@@ -101,18 +101,19 @@ def build_image(
     as_json: bool,
 ) -> None:
     """Compile a generated controller and report what it costs."""
+    from pfaffian.api.checking import build
     from pfaffian.runtime.files import check_output_folder, write_outputs
-    from pfaffian.runtime.firmware import build_controller
     from pfaffian.runtime.generated_model import open_generated
 
     check_output_folder(folder, "-o")
     source = open_generated(str(generated or reference))
     output.note(f"building {source.manifest.model} for {target_name}")
-    image, report = build_controller(source, target_name, toolchain)
+    built = build(source, target_name, toolchain)
+    report = dict(built.document)
     if folder:
         suffix = "so" if target_name == "host" else "elf"
         path = folder / f"{source.manifest.model}-{report['target']}.{suffix}"
-        write_outputs({path: image})
+        write_outputs({path: built.image})
         report = {**report, "image": str(path)}
     if as_json:
         output.emit_json(report)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import subprocess
 import sys
 
@@ -382,6 +383,53 @@ def test_gains_for_poles_are_those_that_the_command_finds(pendubot, run):
     by_weights = pendubot.design("sim", riccati=[10, 10, 0.1, 0.1], delay="5 ms")
     assert by_weights.method == "riccati"
     assert "kappa" in by_weights.changed
+
+
+def test_code_is_verified_and_built_as_the_commands_do(pendubot, run, tmp_path):
+    words = ("--samples", "20", "--target-samples", "20", "--json")
+    printed = run("verify", "pendubot", *words).document()
+    found = pendubot.verify(samples=20, target_samples=20)
+    assert found.passed
+    assert found.document["worst_scaled_ulp"] == printed["worst_scaled_ulp"]
+    assert found.worst_scaled_ulp <= 4.0
+    assert (found.target_samples, found.target_mismatches) == (20, 0)
+    assert "<td>step</td>" in found._repr_html_()
+    built, shown = pendubot.build("ppc750"), run("build", "pendubot", "--json").document()
+    assert built.document == shown
+    assert built.save(tmp_path / "image.elf").read_bytes()[:4] == b"\x7fELF"
+    with pytest.raises(pf.InputError, match="nowhere"):
+        pendubot.build("nowhere")
+
+
+def test_a_run_flies_changed_parameters_in_the_loop_and_reports(pendubot, workspace):
+    scenario = workspace / "short.toml"
+    text = library_scenario(DESIGNED).read_text()
+    scenario.write_text(re.sub(r"(?m)^duration = .*$", 'duration = "0.2 s"', text))
+    p = pendubot.parameters("sim-designed", m2="0.1 kg")
+    report = pendubot.run(p, scenario=scenario, samples=20)
+    assert report.passed
+    assert not report.failure
+    (flight,) = report.flights
+    assert (flight["set"], flight["differing_bits"], flight["steps"]) == (p.name, 0, 200)
+    here = pendubot.simulate(scenario, p)
+    assert flight["trajectory_sha256"] == here.sha256
+    assert report.verification.passed
+    assert report.build["text_bytes"] > 0
+    shown = report._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    assert "&lt;html" in shown
+    page = report.save(workspace / "report.html")
+    assert page.read_text() == report.html
+
+
+def test_a_certificate_has_the_claims_that_the_command_prints(run):
+    printed = run("certify", "tora", "--json").document()
+    found = pf.load("tora").certify()
+    assert not found.failure
+    assert (found.scenario, found.set_name) == (printed["scenario"], printed["set"])
+    assert [c.bound for c in found.claims] == [c["bound"] for c in printed["flight"]["claims"]]
+    assert {n: list(side) for n, side in found.region.items()} == printed["region"]
+    assert "largest seen" in found._repr_html_()
 
 
 #: Of a plant that no part of this package knows.
