@@ -254,8 +254,8 @@ class Model:
         from pfaffian.api.checking import verification, verified
 
         code = self._code.path if generated is None else Path(generated)
-        reference = self._reference
-        return verified(self.name, verification(reference, samples, target_samples, code, sets))
+        found = verification(self._reference, samples, target_samples, code, sets)
+        return verified(self.name, found)
 
     def build(self, target: str | Path = "ppc750", *, toolchain: str = "auto") -> Build:
         """Compile the controller for a target: its image, and what it costs there."""
@@ -311,11 +311,12 @@ class Model:
             twin = report_twin(self.name, own) if p is None else None
         else:
             flown = [str(self._scenario_path(str(scenario)))]
-        chosen = None if p is None else self._taken(p)
+        wanted, name = Sets(whole=True), None
+        if p is not None:
+            chosen = self._taken(p)
+            wanted, name = Sets(given=(chosen._set,)), chosen.name
         check_tools()
-        wanted = Sets(whole=True) if chosen is None else Sets(given=(chosen._set,))
         code = fresh_code(self._folder, self, wanted)
-        name = chosen.name if chosen else None
         return report_of(Job(self._reference, flown, twin, samples, name), code.path)
 
     @property
@@ -338,15 +339,14 @@ class Model:
 
         return current_code(self._folder, self._lowered, self)
 
-    def _taken(self, p: Parameters | str | Path | None) -> Parameters:
-        return self._changed(p, {})
-
-    def _changed(self, p: Parameters | str | Path | None, changes: Quantities) -> Parameters:
+    def _taken(
+        self, p: Parameters | str | Path | None, changes: Quantities | None = None
+    ) -> Parameters:
         from pfaffian.api.parameters import Parameters, changed_parameters
 
         if isinstance(p, Parameters):
-            return changed_parameters(self._lowered, p, changes)
-        return self.parameters(p, **changes)
+            return changed_parameters(self._lowered, p, changes or {})
+        return self.parameters(p, **(changes or {}))
 
     def _raw(self, p: Parameters | str | Path | None) -> Any:
         from pfaffian.api.parameters import Parameters, raw_set
@@ -387,16 +387,12 @@ class Model:
     ) -> Scenario:
         """Return the scenario in `path` with the set `p`, where one is given, and `changes`."""
         from pfaffian.api.flights import changed_scenario, is_of_flight
+        from pfaffian.runtime.documents import read_toml
 
         of_flight = {n: v for n, v in changes.items() if is_of_flight(n, self._code)}
         of_set = {n: v for n, v in changes.items() if n not in of_flight}
         chosen = None
         if p is not None or of_set:
-            taken = self._changed(self._set_flown(path) if p is None else p, of_set)
+            taken = self._taken(str(read_toml(path).get("set", "")) if p is None else p, of_set)
             chosen = taken.name, taken
         return changed_scenario(path, self._code, chosen, of_flight, tables)
-
-    def _set_flown(self, path: Path) -> str:
-        from pfaffian.runtime.documents import read_toml
-
-        return str(read_toml(path).get("set", ""))
