@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from typing import Protocol
 
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.errors import PfaffianError
 
 #: Told of what is going on: a line of text.
 Note = Callable[[str], None]
@@ -75,7 +75,7 @@ def keywords() -> Iterator[None]:
     """Let messages about options of the command line speak of keyword arguments."""
     try:
         yield
-    except InputError as error:
+    except PfaffianError as error:
         message, remedy = (_OPTION.sub(_keyword, t) for t in (error.message, error.remedy))
         if (message, remedy) == (error.message, error.remedy):
             raise

@@ -386,13 +386,13 @@ def test_gains_for_poles_are_those_that_the_command_finds(pendubot, run):
 
 
 def test_code_is_verified_and_built_as_the_commands_do(pendubot, run, tmp_path):
-    words = ("--samples", "20", "--target-samples", "20", "--json")
+    words = ("--samples", "5", "--target-samples", "5", "--json")
     printed = run("verify", "pendubot", *words).document()
-    found = pendubot.verify(samples=20, target_samples=20)
+    found = pendubot.verify(samples=5, target_samples=5)
     assert found.passed
     assert found.document["worst_scaled_ulp"] == printed["worst_scaled_ulp"]
     assert found.worst_scaled_ulp <= 4.0
-    assert (found.target_samples, found.target_mismatches) == (20, 0)
+    assert (found.target_samples, found.target_mismatches) == (5, 0)
     assert "<td>step</td>" in found._repr_html_()
     built, shown = pendubot.build("ppc750"), run("build", "pendubot", "--json").document()
     assert built.document == shown
@@ -406,7 +406,7 @@ def test_a_run_flies_changed_parameters_in_the_loop_and_reports(pendubot, worksp
     text = library_scenario(DESIGNED).read_text()
     scenario.write_text(re.sub(r"(?m)^duration = .*$", 'duration = "0.2 s"', text))
     p = pendubot.parameters("sim-designed", m2="0.1 kg")
-    report = pendubot.run(p, scenario=scenario, samples=20)
+    report = pendubot.run(p, scenario=scenario, samples=5)
     assert report.passed
     assert not report.failure
     (flight,) = report.flights
@@ -430,6 +430,20 @@ def test_a_certificate_has_the_claims_that_the_command_prints(run):
     assert [c.bound for c in found.claims] == [c["bound"] for c in printed["flight"]["claims"]]
     assert {n: list(side) for n, side in found.region.items()} == printed["region"]
     assert "largest seen" in found._repr_html_()
+
+
+def test_a_plan_is_found_checked_kept_and_generated(workspace):
+    model = pf.load("cart_pole")
+    found = model.plan("barto", seeds=2, coarse=20, nodes=40)
+    assert found.states.shape == (len(found.time), 4)
+    np.testing.assert_allclose(found.states[-1], 0.0, atol=1e-9)  # upright, at rest
+    assert abs(found.states[0, 1]) == pytest.approx(np.pi)
+    assert found.save("swing.json").is_file()
+    made = model.generate("code", "barto", plan="swing.json")
+    assert open_generated("code").manifest.plans == made.sets == ("barto",)
+    with pytest.raises(pf.CheckError, match="none of 1 starts led to a plan") as error:
+        model.plan("barto", seeds=1, coarse=10, nodes=40, end_time="0.2 s")
+    assert "more starts (seeds=)" in error.value.remedy
 
 
 #: Of a plant that no part of this package knows.
