@@ -65,7 +65,7 @@ run-all: $(READY)
 
 # 300 names as coordinate, parameter, gain, actuator and constraint, alone and with several (long).
 names: $(READY)
-	PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
+	PFAFFIAN_THOROUGH=1 PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
 
 flips: $(READY)
 	PFAFFIAN_THOROUGH=1 PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
