@@ -290,9 +290,9 @@ def _word(
     table: Mapping[str, object], key: str, known: Mapping[str, int], default: str, where: str
 ) -> int:
     word = table.get(key, default)
-    if word not in known:
+    if not isinstance(word, str) or word not in known:
         raise InputError(f"{where}.{key} = {word!r}", remedy=suggestion(str(word), list(known)))
-    return known[str(word)]
+    return known[word]
 
 
 def _row(raw: object, count: int, where: str) -> list[float]:

@@ -23,7 +23,15 @@ from typing import TYPE_CHECKING, Any
 
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.parameters import Parameter, RawSet
-from pfaffian.derive.program import TIME_NAME, Op, Program, apply, evaluate
+from pfaffian.derive.program import (
+    TIME_NAME,
+    Instruction,
+    Op,
+    Program,
+    apply,
+    evaluate,
+    interpret,
+)
 from pfaffian.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -142,21 +150,18 @@ class _Problem:
         return [v for p in self._programs for v in self._evaluated(p, {**self.known, **at})]
 
     def _evaluated(self, program: Program, values: Mapping[str, Any]) -> list[Any]:
-        slots: list[Any] = []
-        names = iter(program.inputs)
-        for i in program.instructions:
-            if i.op is Op.INPUT:
-                slots.append(self._mp.mpf(values[next(names).name]))
-            elif i.op is Op.CONST:
-                slots.append(self._mp.mpf(i.value))
-            elif i.op in self._functions:
-                slots.append(self._functions[i.op](slots[i.args[0]]))
-            elif i.op in (Op.FMA, Op.FMS, Op.FNMS):
-                a, b, c = (slots[k] for k in i.args)
-                slots.append({Op.FMA: a * b + c, Op.FMS: a * b - c, Op.FNMS: c - a * b}[i.op])
-            else:
-                slots.append(apply(i.op, *(slots[k] for k in i.args)))
+        number = self._mp.mpf
+        slots = interpret(program, lambda n: number(values[n]), number, self._operate)
         return [slots[k] for k in program.results]
+
+    def _operate(self, instruction: Instruction, arguments: list[Any]) -> Any:
+        op = instruction.op
+        if op in self._functions:
+            return self._functions[op](*arguments)
+        if op in (Op.FMA, Op.FMS, Op.FNMS):
+            a, b, c = arguments
+            return {Op.FMA: a * b + c, Op.FMS: a * b - c, Op.FNMS: c - a * b}[op]
+        return apply(op, *arguments)
 
     def slope(self, names: Sequence[str], at: Mapping[str, Any]) -> Array:
         """Return dF by each of `names`, shape (rows, len(names)), by central differences."""

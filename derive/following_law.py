@@ -6,6 +6,7 @@ b = -drift + R1 qr'' - R1' e' - R0' e - R0 e' with e = q - qr. Everything else i
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import sympy as sp
@@ -32,8 +33,9 @@ def following_law(spec: ModelSpec, dynamics: Dynamics) -> Block | None:
     builder = BlockBuilder(
         "follow", f"{spec.title}: sampled control law along a reference", spec.own
     )
-    positions, rates, accelerations = _take_motion(builder, spec)
-    r0, r1, r0_rate, r1_rate = _take_rows(builder, spec)
+    names = iter(spec.own.reference([c.name for c in spec.coordinates]))
+    positions, rates, accelerations = _take_motion(builder, spec, names)
+    r0, r1, r0_rate, r1_rate = _take_rows(builder, spec, names)
 
     def define() -> Shared:
         errors = Matrix([q - r for q, r in zip(spec.positions, positions, strict=True)])
@@ -67,15 +69,17 @@ def following_law(spec: ModelSpec, dynamics: Dynamics) -> Block | None:
 _Symbols = tuple[sp.Symbol, ...]
 
 
-def _take_motion(builder: BlockBuilder, spec: ModelSpec) -> tuple[_Symbols, _Symbols, _Symbols]:
-    """Declare qr, qr' and qr'', each (n,)."""
+def _take_motion(
+    builder: BlockBuilder, spec: ModelSpec, names: Iterator[str]
+) -> tuple[_Symbols, _Symbols, _Symbols]:
+    """Declare qr, qr' and qr'', each (n,), under the next `names`."""
     found = []
-    kinds = (("", "", "reference of"), ("d", "/s", "rate of the reference of"))
-    for prefix, per, text in (*kinds, ("dd", "/s^2", "acceleration of the reference of")):
+    kinds = (("", "reference of"), ("/s", "rate of the reference of"))
+    for per, text in (*kinds, ("/s^2", "acceleration of the reference of")):
         found.append(
             tuple(
                 builder.take(
-                    spec.own_symbol(f"{prefix}{c.name}_ref"),
+                    sp.Symbol(next(names), real=True),
                     f"{c.unit}{per}",
                     f"{text} {c.name}",
                     GROUP,
@@ -86,15 +90,17 @@ def _take_motion(builder: BlockBuilder, spec: ModelSpec) -> tuple[_Symbols, _Sym
     return found[0], found[1], found[2]
 
 
-def _take_rows(builder: BlockBuilder, spec: ModelSpec) -> tuple[sp.Matrix, ...]:
-    """Declare R0, R1, R0' and R1', each (m, n)."""
+def _take_rows(
+    builder: BlockBuilder, spec: ModelSpec, names: Iterator[str]
+) -> tuple[sp.Matrix, ...]:
+    """Declare R0, R1, R0' and R1', each (m, n), under the next `names`."""
     units, m = LawUnits(spec).residuals, len(spec.actuators)
     found = []
-    for ending, power in (("", 0), ("_rate", -1)):
+    for power in (0, -1):
         for prefix, seconds in (("", 0), ("d", 1)):
             entries = [
                 builder.take(
-                    spec.own_symbol(f"row{r + 1 if m > 1 else ''}_{prefix}{c.name}{ending}"),
+                    sp.Symbol(next(names), real=True),
                     unit_product((units[r], 1), (c.unit, -1), ("s", seconds + power)),
                     f"{'rate of the ' if power else ''}weight of the error of {prefix}{c.name} in "
                     f"the constraint",

@@ -6,7 +6,7 @@ one rule here: it gets the suffix `_law`, as often as it takes. Without a meetin
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -82,6 +82,27 @@ class OwnNames:
     def previous(self, actuator: str) -> str:
         """Return the name of what was last commanded of `actuator`."""
         return self._made[PREVIOUS, actuator]
+
+    def reference(self, coordinates: Sequence[str]) -> tuple[str, ...]:
+        """Return the members of a reference in order: q, q', q'', R0, R1, R0', R1', each once.
+
+        R0 and R1 (m, n) hold the weights of q and q', row by row.
+        """
+        rows = range(1, len(self.actuators) + 1)
+        numbers = [str(r) for r in rows] if len(self.actuators) > 1 else [""]
+        wanted = [f"{d}{c}_ref" for d in ("", "d", "dd") for c in coordinates]
+        wanted += [
+            f"row{r}_{d}{c}{ending}"
+            for ending in ("", "_rate")
+            for d in ("", "d")
+            for r in numbers
+            for c in coordinates
+        ]
+        taken, made = set(self._avoided), []
+        for name in wanted:
+            made.append(given_away(name, taken))
+            taken.add(made[-1])
+        return tuple(made)
 
     def given_way(self, members: Iterable[str]) -> dict[str, str]:
         """Return those of `members` that are ours and gave way, by their usual names, sorted."""

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class Op(StrEnum):
@@ -222,23 +224,48 @@ def apply(op: Op, *arguments: float) -> float:
     return _EVALUATE[op](*arguments)
 
 
+def interpret(
+    program: Program,
+    given: Callable[[str], T],
+    constant: Callable[[float], T],
+    operate: Callable[[Instruction, list[T]], T],
+) -> list[T]:
+    """Run `program` in any arithmetic and return the value of every instruction, in order.
+
+    `given` returns an input by its name, `constant` what stands for a number, and `operate` an
+    instruction's value from those of its arguments.
+    """
+    names = iter(program.inputs)
+    slots: list[T] = []
+    for instruction in program.instructions:
+        if instruction.op is Op.INPUT:
+            slots.append(given(next(names).name))
+        elif instruction.op is Op.CONST:
+            slots.append(constant(instruction.value))
+        else:
+            slots.append(operate(instruction, [slots[a] for a in instruction.args]))
+    return slots
+
+
+def outputs_of(program: Program, slots: Sequence[T]) -> dict[str, T]:
+    """Return the outputs of `program` by name, out of the values of its instructions."""
+    pairs = zip(program.outputs, program.results, strict=True)
+    return {signal.name: slots[index] for signal, index in pairs}
+
+
 def evaluate(program: Program, values: Mapping[str, float]) -> dict[str, float]:
     """Run `program` in plain Python floats and return its outputs by name.
 
     It serves the parameter checks, where a handful of values is wanted and importing NumPy would
     cost more than the answer. Division by zero gives NaN.
     """
-    slots: list[float] = []
-    names = iter(program.inputs)
-    for instruction in program.instructions:
-        if instruction.op is Op.INPUT:
-            slots.append(float(values[next(names).name]))
-        elif instruction.op is Op.CONST:
-            slots.append(instruction.value)
-        else:
-            slots.append(_EVALUATE[instruction.op](*(slots[i] for i in instruction.args)))
-    pairs = zip(program.outputs, program.results, strict=True)
-    return {signal.name: slots[index] for signal, index in pairs}
+    slots = interpret(
+        program,
+        lambda name: float(values[name]),
+        lambda value: value,
+        lambda instruction, arguments: _EVALUATE[instruction.op](*arguments),
+    )
+    return outputs_of(program, slots)
 
 
 def program_to_json(program: Program) -> dict[str, object]:

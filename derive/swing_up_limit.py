@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import LOGICAL, Op, Program, evaluate
+from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, evaluate, interpret
 
 PROGRAM, LIMIT = "swing_up_limit", "limit"
 #: Group of the inputs in which everything repeats after a turn.
@@ -144,19 +144,16 @@ def enclosed(program: Program, box: Mapping[str, Interval]) -> Interval:
     What is not bounded becomes the whole line. Raises `NotImplementedError` for an operation that
     has no interval here.
     """
-    slots: list[Interval] = []
-    names = iter(program.inputs)
-    for i in program.instructions:
-        if i.op is Op.INPUT:
-            slots.append(box[next(names).name])
-        elif i.op is Op.CONST:
-            slots.append((i.value, i.value))
-        elif i.op is Op.MUL and i.args[0] == i.args[1]:
-            slots.append(_outward(_square(slots[i.args[0]])))
-        elif i.op in _OPERATIONS:
-            slots.append(_outward(_OPERATIONS[i.op](*(slots[a] for a in i.args))))
-        else:
-            raise NotImplementedError(f"{program.name}: no interval for {i.op}")
+
+    def operate(instruction: Instruction, arguments: list[Interval]) -> Interval:
+        a = instruction.args
+        if instruction.op is Op.MUL and a[0] == a[1]:
+            return _outward(_square(arguments[0]))
+        if instruction.op not in _OPERATIONS:
+            raise NotImplementedError(f"{program.name}: no interval for {instruction.op}")
+        return _outward(_OPERATIONS[instruction.op](*arguments))
+
+    slots = interpret(program, box.__getitem__, lambda x: (x, x), operate)
     return slots[program.results[0]]
 
 

@@ -207,6 +207,8 @@ def _check_names(manifest: Manifest) -> None:
             for member in manifest.structures[role].names():
                 if member not in values:
                     raise ValueError(f"set {name} has no {member}")
+        if not values.get("sample_time", 1.0) > 0.0:
+            raise ValueError(f"set {name} has a sample_time of {values['sample_time']}")
 
 
 def _check_structures(structures: Mapping[str, Structure]) -> None:

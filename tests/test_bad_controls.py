@@ -15,6 +15,7 @@ REFUSED = {
     "a misspelt table": ("[feedback]", "[fedback]", "unknown key fedback", "feedback?"),
     "a misspelt member": ("watchdog_time", "watchdog", "unknown key watchdog", "_time?"),
     "an unknown swing-up": ('"plan"\nb', '"jump"\nb', "swing_up = 'jump'", "energy"),
+    "a swing-up that is a list": ('"plan"\nb', "[]\nb", "swing_up = []", "energy"),
     "an unknown balance law": ('"robust"', '"magic"', "balance = 'magic'", "robust"),
     "half a count": ("overruns = 3", "overruns = 3.5", "overruns is no whole number", "give"),
     "yes for a count": ("overruns = 3", "overruns = true", "overruns is no whole number", "give"),

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.certificate import certify as stage
 from pfaffian.derive.certificate import uncertainty
-from pfaffian.derive.certificate.intervals import enclose, evaluate_at
+from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.region import Region
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate
 from pfaffian.derive.library import find_model

@@ -156,6 +156,14 @@ def test_no_name_is_handed_out_twice():
     assert own("s") == "s"
 
 
+def test_a_coordinate_called_as_the_rate_of_another_has_a_row_of_its_own(tmp_path):
+    own = OwnNames(frozenset({"x", "x_rate", "x_ref"}), ("push", "pull"))
+    made = own.reference(["x", "x_rate"])
+    assert len(set(made)) == len(made) == 2 * (3 + 2 * 2 * 2)
+    assert made[0] == "x_ref_law"
+    verified(Named(coordinates=("x", "x_rate"), parameters=("x_ref",)), tmp_path / "out", 20)
+
+
 def test_members_of_the_controller_that_would_be_one_are_refused(tmp_path):
     named = Named(coordinates=("x", "x_goal"))
     model, _ = generated(named, tmp_path / "out")

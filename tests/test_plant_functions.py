@@ -17,8 +17,9 @@ import mujoco
 import numpy as np
 import pytest
 import sympy as sp
+from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.block import Block, Definition
-from pfaffian.derive.certificate.intervals import enclose, evaluate_at
+from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.dimensions import dimension_of
 from pfaffian.derive.emit.emitter import Emission
 from pfaffian.derive.emit.precision import DOUBLE, SINGLE

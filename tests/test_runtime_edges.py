@@ -35,6 +35,14 @@ def test_a_manifest_without_a_structure_is_refused_by_its_role(role, tmp_path):
         read_manifest(tmp_path)
 
 
+def test_a_manifest_whose_period_is_zero_is_refused(tmp_path):
+    document = json.loads((open_generated("pendubot").path / MANIFEST_NAME).read_text())
+    document["parameter_sets"]["rig"]["sample_time"] = 0
+    (tmp_path / MANIFEST_NAME).write_text(json.dumps(document))
+    with pytest.raises(InputError, match="set rig has a sample_time of 0"):
+        read_manifest(tmp_path)
+
+
 @pytest.mark.parametrize("step", [-1, 1])
 def test_a_manifest_of_the_next_or_the_last_abi_is_refused(step, tmp_path):
     document = json.loads((open_generated("pendubot").path / MANIFEST_NAME).read_text())

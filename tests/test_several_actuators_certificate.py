@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import sympy as sp
+from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.certificate import certify as stage
 from pfaffian.derive.certificate import uncertainty
-from pfaffian.derive.certificate.intervals import enclose, evaluate_at
+from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.region import Region
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem
 from pfaffian.derive.library import find_model

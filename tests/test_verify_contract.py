@@ -84,6 +84,20 @@ def test_the_scales_are_those_of_a_product_less_a_number_by_hand():
     np.testing.assert_allclose(named["b"], inputs + np.abs(x * y) + np.abs(x * y - z), rtol=1e-15)
 
 
+def test_values_of_functions_that_cancel_count_as_their_terms():
+    """tanh(4 x) - tanh(2 x) where both are nearly 1: each is rounded, the difference is not."""
+    builder = BlockBuilder("by_hand", "")
+    x = builder.take(sp.Symbol("x", real=True), "", "", "input")
+    builder.give("d", builder.define("d", sp.tanh(4 * x) - sp.tanh(2 * x), ""), "", "")
+    at = np.array([4.0, 0.0])
+    named, by_input = Condition(builder.build())({"x": at})
+    slope = np.abs(at * (4.0 / np.cosh(4.0 * at) ** 2 - 2.0 / np.cosh(2.0 * at) ** 2))
+    terms = np.tanh(4.0 * at) + np.tanh(2.0 * at)
+    np.testing.assert_allclose(by_input["d"], slope, rtol=1e-9, atol=1e-20)
+    difference = np.abs(np.tanh(4.0 * at) - np.tanh(2.0 * at))
+    np.testing.assert_allclose(named["d"], slope + terms + difference, rtol=1e-9, atol=1e-20)
+
+
 def test_an_oracle_without_an_answer_is_no_agreement():
     with gmpy2.context(precision=200):
         exact = [gmpy2.nan(), gmpy2.mpfr(2), gmpy2.mpfr(2), gmpy2.inf(), gmpy2.mpfr(2)]

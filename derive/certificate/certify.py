@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pfaffian.derive.certificate.intervals import evaluate_at
+from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.certificate.region import Region, region_around
 from pfaffian.derive.certificate.search import Extremum, greatest, least, objective_of
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate, product

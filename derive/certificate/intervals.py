@@ -10,7 +10,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from pfaffian.derive.program import LOGICAL, Instruction, Op, Program
+from pfaffian.derive.program import (
+    LOGICAL,
+    Instruction,
+    Op,
+    Program,
+    interpret,
+    outputs_of,
+)
 
 Array = np.ndarray[Any, Any]
 Interval = tuple[Array, Array]
@@ -120,13 +127,15 @@ _OPERATIONS: dict[Op, Callable[..., Interval]] = {
 }
 
 
-def _apply(instruction: Instruction, slots: list[Interval]) -> Interval:
+def _apply(instruction: Instruction, arguments: list[Interval]) -> Interval:
     if instruction.op not in _OPERATIONS:
         raise NotImplementedError(f"no interval for the operation {instruction.op}")
     a = instruction.args
     if instruction.op is Op.MUL and a[0] == a[1]:
-        return _square(slots[a[0]])  # x * x is not the product of two independent values
-    return _OPERATIONS[instruction.op](*(slots[i] for i in a))
+        found = _square(arguments[0])  # x * x is not the product of two independent values
+    else:
+        found = _OPERATIONS[instruction.op](*arguments)
+    return _outward(*found)
 
 
 def enclose(program: Program, box: Mapping[str, Interval]) -> dict[str, Interval]:
@@ -135,65 +144,11 @@ def enclose(program: Program, box: Mapping[str, Interval]) -> dict[str, Interval
     `box` maps each input to its ends, arrays of shape (N,) or scalars; the outputs come as pairs
     of arrays of that shape. A choice is enclosed by both of its sides.
     """
-    slots: list[Interval] = []
-    names = iter(program.inputs)
+
+    def given(name: str) -> Interval:
+        low, high = box[name]
+        return np.asarray(low, float), np.asarray(high, float)
+
     with np.errstate(all="ignore"):
-        for instruction in program.instructions:
-            if instruction.op is Op.INPUT:
-                low, high = box[next(names).name]
-                slots.append((np.asarray(low, float), np.asarray(high, float)))
-            elif instruction.op is Op.CONST:
-                value = np.asarray(instruction.value)
-                slots.append((value, value))
-            else:
-                slots.append(_outward(*_apply(instruction, slots)))
-    pairs = zip(program.outputs, program.results, strict=True)
-    return {signal.name: slots[index] for signal, index in pairs}
-
-
-_PLAIN: dict[Op, Callable[..., Array]] = {
-    Op.ADD: np.add,
-    Op.SUB: np.subtract,
-    Op.MUL: np.multiply,
-    Op.DIV: np.divide,
-    Op.NEG: np.negative,
-    Op.ABS: np.abs,
-    Op.MIN: np.minimum,
-    Op.MAX: np.maximum,
-    Op.SQRT: np.sqrt,
-    Op.SIN: np.sin,
-    Op.COS: np.cos,
-    Op.ATAN: np.arctan,
-    Op.EXP: np.exp,
-    Op.EXPM1: np.expm1,
-    Op.TANH: np.tanh,
-    Op.SIGN: np.sign,
-    Op.LOG: np.log,
-    Op.ASIN: np.arcsin,
-    Op.ACOS: np.arccos,
-    Op.SINH: np.sinh,
-    Op.COSH: np.cosh,
-    Op.LESS: np.less,
-    Op.LESS_EQUAL: np.less_equal,
-    Op.EQUAL: np.equal,
-    Op.NOT: np.logical_not,
-    Op.AND: np.logical_and,
-    Op.OR: np.logical_or,
-    Op.SELECT: np.where,
-}
-
-
-def evaluate_at(program: Program, values: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the outputs of `program` at points; `values` are scalars or arrays of shape (N,)."""
-    slots: list[Array] = []
-    names = iter(program.inputs)
-    with np.errstate(all="ignore"):
-        for i in program.instructions:
-            if i.op is Op.INPUT:
-                slots.append(np.asarray(values[next(names).name], float))
-            elif i.op is Op.CONST:
-                slots.append(np.asarray(i.value))
-            else:
-                slots.append(_PLAIN[i.op](*(slots[a] for a in i.args)))
-    pairs = zip(program.outputs, program.results, strict=True)
-    return {signal.name: slots[index] for signal, index in pairs}
+        slots = interpret(program, given, lambda x: (np.asarray(x), np.asarray(x)), _apply)
+    return outputs_of(program, slots)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pfaffian.derive.certificate.intervals import Interval, enclose, evaluate_at
+from pfaffian.derive.array_operations import evaluate_at
+from pfaffian.derive.certificate.intervals import Interval, enclose
 from pfaffian.derive.program import Op, Program
 
 Array = np.ndarray[Any, Any]

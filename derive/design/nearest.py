@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pfaffian.derive.certificate.intervals import enclose, evaluate_at
+from pfaffian.derive.array_operations import evaluate_at
+from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.search import restricted
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.program import Program, evaluate

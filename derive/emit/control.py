@@ -150,6 +150,13 @@ def emit_control(emission: Emission) -> dict[str, str]:
     } | {f"c/{model.name}_control_params.c": fill("c/control_params.c.j2", context)}
 
 
+def _reference(model: LoweredModel) -> dict[str, str]:
+    """Return the member of a reference that is wanted of q, q' and q'', by their names."""
+    names = [c.name for c in model.coordinates]
+    motion = [f"{d}{c}" for d in ("", "d", "dd") for c in names]
+    return dict(zip(motion, model.own.reference(names), strict=False))
+
+
 def _context(emission: Emission) -> dict[str, object]:
     model = emission.model
     law, own = structures_of(model), control_structures(model)
@@ -169,6 +176,7 @@ def _context(emission: Emission) -> dict[str, object]:
             for role, s in (law | own).items()
         },
         "coordinates": [c.name for c in model.coordinates],
+        "ref": _reference(model),
         "actuators": [a.name for a in model.actuators],
         "bounds": {n: DOUBLE.literal(b) for n, b in measured_bounds(model)},
         "plans": [snake(p.name) for p in emission.plans],

@@ -88,17 +88,7 @@ def plan_set(path: Path) -> str:
 
 def reference_members(model: LoweredModel) -> tuple[str, ...]:
     """Return the members of a reference in order: q, q', q'', R0, R1, R0', R1'."""
-    names = [c.name for c in model.coordinates]
-    m = len(model.actuators)
-    motion = [f"{d}{c}_ref" for d in ("", "d", "dd") for c in names]
-    rows = [
-        f"row{r + 1 if m > 1 else ''}_{d}{c}{ending}"
-        for ending in ("", "_rate")
-        for d in ("", "d")
-        for r in range(m)
-        for c in names
-    ]
-    return (*motion, *rows)
+    return model.own.reference([c.name for c in model.coordinates])
 
 
 def _read(path: Path) -> dict[str, Any]:

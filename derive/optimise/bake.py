@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from pfaffian.derive.optimise.tape import Tape, rewritten
-from pfaffian.derive.program import EXACT, Instruction, Op, Program, apply
+from pfaffian.derive.program import (
+    EXACT,
+    Instruction,
+    Op,
+    Program,
+    apply,
+    interpret,
+    outputs_of,
+)
 
 
 @dataclass(frozen=True)
@@ -50,20 +58,16 @@ def bake(step: Program, prepare: Program, values: Mapping[str, float]) -> Baked:
 
 def _arithmetic_results(prepare: Program, values: Mapping[str, float]) -> dict[str, float]:
     """Return the prepared values that follow from `values` by exactly rounded operations."""
-    found: list[float | None] = []
-    names = iter(prepare.inputs)
-    for i in prepare.instructions:
-        if i.op is Op.INPUT:
-            found.append(values.get(next(names).name))
-            continue
-        if i.op is Op.CONST:
-            found.append(i.value)
-            continue
-        arguments = [a for k in i.args if (a := found[k]) is not None]
-        known = i.op in EXACT and len(arguments) == len(i.args)
-        found.append(apply(i.op, *arguments) if known else None)
-    pairs = zip(prepare.outputs, prepare.results, strict=True)
-    return {s.name: v for s, r in pairs if s.group == "prepared" and (v := found[r]) is not None}
+
+    def operate(instruction: Instruction, arguments: list[float | None]) -> float | None:
+        known = [a for a in arguments if a is not None]
+        if instruction.op not in EXACT or len(known) < len(arguments):
+            return None
+        return apply(instruction.op, *known)
+
+    found = outputs_of(prepare, interpret(prepare, values.get, lambda value: value, operate))
+    prepared = [s.name for s in prepare.outputs if s.group == "prepared"]
+    return {n: v for n in prepared if (v := found[n]) is not None}
 
 
 def _without_neutral(step: Program, values: Mapping[str, float]) -> Program:

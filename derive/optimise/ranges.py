@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from pfaffian.derive.program import Instruction, Op, Program
+from pfaffian.derive.program import Instruction, Op, Program, interpret
 
 Range = tuple[float, float]
 EVERYTHING: Range = (-math.inf, math.inf)
@@ -25,16 +25,12 @@ _SLACK = 1.0 + 2.0**-50
 
 def ranges(program: Program, bounds: Mapping[str, Range]) -> list[Range]:
     """Return (least, most) of each instruction, given those of inputs by name; else unbounded."""
-    found: list[Range] = []
-    names = iter(program.inputs)
-    for instruction in program.instructions:
-        if instruction.op is Op.INPUT:
-            found.append(bounds.get(next(names).name, EVERYTHING))
-        elif instruction.op is Op.CONST:
-            found.append((instruction.value, instruction.value))
-        else:
-            found.append(_widened(_range(instruction, [found[a] for a in instruction.args])))
-    return found
+    return interpret(
+        program,
+        lambda name: bounds.get(name, EVERYTHING),
+        lambda value: (value, value),
+        lambda instruction, arguments: _widened(_range(instruction, arguments)),
+    )
 
 
 def plain_calls(program: Program, bounds: Mapping[str, Range]) -> frozenset[int]:

@@ -2,9 +2,10 @@
 
 For an output y two scales are given. The *input* scale is sum_i |x_i dy/dx_i| over the inputs:
 the componentwise condition number times |y|. The *named* scale adds the values the derivation
-names (bias1, det_m, ...), each of which has to be rounded to a double once before it is used. An
-error of a few units in the last place of the named scale is as good as the formulas allow. The
-derivatives come from SymPy, chained over the definitions.
+names (bias1, det_m, ...) and those of its functions (tanh(f v), ...), each of which has to be
+rounded to a double once before it is used. An error of a few units in the last place of the named
+scale is as good as the formulas allow. The derivatives come from SymPy, chained over the
+definitions.
 """
 
 from __future__ import annotations
@@ -21,6 +22,21 @@ from pfaffian.derive.numeric import function_of
 from sympy.core.relational import Relational
 
 Array = np.ndarray[Any, Any]
+#: Functions whose values are rounded once, whoever computes them.
+_ROUNDED = (
+    sp.sin,
+    sp.cos,
+    sp.tan,
+    sp.atan,
+    sp.tanh,
+    sp.exp,
+    sp.log,
+    sp.asin,
+    sp.acos,
+    sp.sinh,
+    sp.cosh,
+    sp.atan2,
+)
 #: The derivative of a sign is zero wherever it exists; no sample sits on the jump itself.
 NUMPY = [
     {"DiracDelta": np.zeros_like, "side": lambda x: np.where(np.less(x, 0.0), -1.0, 1.0)},
@@ -42,9 +58,10 @@ class Condition:
     def __init__(self, block: Block) -> None:
         """Differentiate each definition once, by each symbol it contains."""
         self.block = block
-        self._steps = [_step(d.symbol, d.expression) for d in block.definitions]
+        definitions = _with_functions_named(block)
+        self._steps = [_step(s, e) for s, e in definitions]
         # Of |x| at 0 the slope: 0 where x is 0 exactly, as of s - s; 1 where rounding may move it.
-        self._moving = [_step(d.symbol, d.expression, side) for d in block.definitions]
+        self._moving = [_step(s, e, side) for s, e in definitions]
         powers = set().union(*(d.expression.atoms(sp.Pow) for d in block.definitions))
         self._divisors = {p.base.name for p in powers if p.base.is_Symbol and p.exp.is_negative}
         inputs = set(block.symbols)
@@ -161,6 +178,27 @@ def _total(parts: list[Array], count: int) -> Array:
 
 def _full(value: Any, count: int) -> Array:
     return np.broadcast_to(np.asarray(value, dtype=float), (count,))
+
+
+def _with_functions_named(block: Block) -> list[tuple[sp.Symbol, sp.Expr]]:
+    """Return the definitions in order, each function of them defined before it is used."""
+    named: dict[sp.Expr, sp.Symbol] = {}
+    definitions: list[tuple[sp.Symbol, sp.Expr]] = []
+    for d in block.definitions:
+        inner = sorted(d.expression.atoms(*_ROUNDED), key=_size)
+        for call in inner if not isinstance(d.expression, _ROUNDED) else inner[:-1]:
+            plain = call.func(*(a.xreplace(named) for a in call.args))
+            if plain not in named:
+                symbol = sp.Symbol(f"_{call.func.__name__}{len(named)}", real=True)
+                definitions.append((symbol, plain))
+                named[plain] = symbol
+            named[call] = named[plain]
+        definitions.append((d.symbol, d.expression.xreplace(named)))
+    return definitions
+
+
+def _size(expression: sp.Expr) -> tuple[int, Any]:
+    return expression.count_ops(), sp.default_sort_key(expression)
 
 
 def _step(symbol: sp.Symbol, expression: sp.Basic, sign: Any = sp.sign) -> _Step:

@@ -5,53 +5,21 @@ These are the values that the derivation names, and those that the generated cod
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import sympy as sp
+from pfaffian.derive.array_operations import OPERATIONS
 from pfaffian.derive.block import Block
 from pfaffian.derive.emit.precision import STAND_INS
 from pfaffian.derive.lowered import LoweredModel
 from pfaffian.derive.numeric import function_of
-from pfaffian.derive.program import Op, Program
+from pfaffian.derive.program import Instruction, Program, interpret
 from pfaffian.derive.verify.condition import NUMPY
 
 Array = np.ndarray[Any, Any]
 
-_EVALUATE: dict[Op, Callable[..., Any]] = {
-    Op.ADD: np.add,
-    Op.SUB: np.subtract,
-    Op.MUL: np.multiply,
-    Op.DIV: np.divide,
-    Op.FMA: lambda a, b, c: a * b + c,
-    Op.FMS: lambda a, b, c: a * b - c,
-    Op.FNMS: lambda a, b, c: c - a * b,
-    Op.NEG: np.negative,
-    Op.ABS: np.abs,
-    Op.SIGN: np.sign,
-    Op.MIN: lambda a, b: np.where(a < b, a, b),
-    Op.MAX: lambda a, b: np.where(a > b, a, b),
-    Op.SQRT: np.sqrt,
-    Op.SIN: np.sin,
-    Op.COS: np.cos,
-    Op.ATAN: np.arctan,
-    Op.EXP: np.exp,
-    Op.EXPM1: np.expm1,
-    Op.TANH: np.tanh,
-    Op.LOG: np.log,
-    Op.ASIN: np.arcsin,
-    Op.ACOS: np.arccos,
-    Op.SINH: np.sinh,
-    Op.COSH: np.cosh,
-    Op.LESS: np.less,
-    Op.LESS_EQUAL: np.less_equal,
-    Op.EQUAL: np.equal,
-    Op.NOT: np.logical_not,
-    Op.AND: np.logical_and,
-    Op.OR: np.logical_or,
-    Op.SELECT: np.where,
-}
 #: Functions of real numbers that are not real everywhere; powers where the exponent is none.
 _WITH_DOMAINS = (sp.Pow, sp.log, sp.asin, sp.acos)
 
@@ -113,19 +81,18 @@ def values_of(model: LoweredModel, function: str, inputs: Mapping[str, Array]) -
 
 def _slots(program: Program, inputs: Mapping[str, Array]) -> list[Array | None]:
     count = len(next(iter(inputs.values())))
-    names = iter(program.inputs)
-    slots: list[Array | None] = []
-    with np.errstate(all="ignore"):
-        for i in program.instructions:
-            if i.op is Op.INPUT:
-                value: Any = inputs.get(next(names).name)
-            elif i.op is Op.CONST:
-                value = STAND_INS.get(i.value, i.value)  # as single has it
-            else:
-                arguments = [slots[a] for a in i.args]
-                known = all(a is not None for a in arguments)
-                value = _EVALUATE[i.op](*arguments) if known else None
-            if value is not None:
-                value = np.broadcast_to(np.asarray(value, float), (count,))
-            slots.append(value)
-    return slots
+
+    def whole(value: Any) -> Array:
+        return np.broadcast_to(np.asarray(value, float), (count,))
+
+    def given(name: str) -> Array | None:
+        value = inputs.get(name)
+        return None if value is None else whole(value)
+
+    def operate(instruction: Instruction, arguments: list[Array | None]) -> Array | None:
+        if any(a is None for a in arguments):
+            return None
+        return whole(OPERATIONS[instruction.op](*arguments))
+
+    with np.errstate(all="ignore"):  # constants are those that single has
+        return interpret(program, given, lambda x: whole(STAND_INS.get(x, x)), operate)
