@@ -6,7 +6,7 @@ READY := $(VENV)/.ready
 JOBS ?= 2
 
 .PHONY: run run-all test lint check verify elementary machines prove fuzz fuzz-inputs interrupts names flips mutants \
-  vectors soak bench reproduce docs setup clean misprints
+  thorough vectors soak bench reproduce docs setup clean misprints
 
 run: $(READY)
 	$(BIN)/pfaffian run
@@ -53,6 +53,10 @@ fuzz-inputs: $(READY)
 DELAYS ?= 0,0.02,0.05,0.1,0.15,0.2,0.3,0.5,0.7,1,1.5,2,3,5,8
 interrupts: $(READY)
 	PFAFFIAN_INTERRUPT_DELAYS=$(DELAYS) $(BIN)/python -m pytest tests/test_interrupt.py
+
+# The whole suite with what the default leaves to this target: tests/thorough.toml names it.
+thorough: $(READY) lint
+	PFAFFIAN_THOROUGH=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 # The main job of each of the ten models (minutes).
 run-all: $(READY)

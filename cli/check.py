@@ -56,13 +56,8 @@ def verification(
     from pfaffian.derive.pipeline import complete_sets, derivation_of, lowered_model
     from pfaffian.derive.verify.compare import FOLLOWING, FUNCTIONS, verify
     from pfaffian.derive.verify.unit import SINGLE_UNIT, UNITS
-    from pfaffian.runtime.generated_model import (
-        host_model,
-        open_generated,
-        ppc750_model,
-        twice_rounding_model,
-    )
-    from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+    from pfaffian.runtime.generated_model import open_generated, ppc750_model
+    from pfaffian.runtime.subjects import MachineSubject
 
     source = find_model(reference)
     output.note(f"deriving {source.name}, building the host and PowerPC images")
@@ -79,12 +74,7 @@ def verification(
         output.note(line)
     sets = [s.as_dict() for s in found_sets.sets] if found_sets else [dict(baked or {})]
     unit = UNITS[code.manifest.precision]
-    subjects: list[Subject] = [MachineSubject(host_model(code), "c-host")]
-    witness = None
-    if unit is SINGLE_UNIT:
-        witness = MachineSubject(twice_rounding_model(code), "c-host-rounding-twice")
-    else:  # the module is of double in any folder
-        subjects.insert(0, PythonSubject(code))
+    subjects, witness = _subjects(code, unit is SINGLE_UNIT)
     target = MachineSubject(ppc750_model(code), "c-ppc750")
     wanted = min(samples, _TARGET_SAMPLES if target_samples is None else target_samples)
     with output.progress(f"verifying on {samples} samples") as update:
@@ -107,6 +97,17 @@ def verification(
         "sets": [s.name for s in found_sets.sets] if found_sets else [code.manifest.baked],
         "sets_left_out": dict(found_sets.left_out) if found_sets else {},
     }
+
+
+def _subjects(code: GeneratedFolder, single: bool) -> tuple[list[Subject], Subject | None]:
+    """Return what is compared on this machine, and in single what rounds as the emulator does."""
+    from pfaffian.runtime.generated_model import host_model, twice_rounding_model
+    from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+
+    host = MachineSubject(host_model(code), "c-host")
+    if single:
+        return [host], MachineSubject(twice_rounding_model(code), "c-host-rounding-twice")
+    return [PythonSubject(code), host], None  # the module is of double in any folder
 
 
 def _baked_set(code: GeneratedFolder, set_names: Sequence[str]) -> Mapping[str, float] | None:

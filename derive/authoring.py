@@ -259,41 +259,12 @@ class ModelBuilder:
         that wanted zero-dynamics poles determine: `weight_q`, `rate_q`. The setpoint of q is `qd`;
         `errors` replaces e = q - qd by coordinate, for a reference that moves.
         """
-        if not self._actuators:
-            raise InputError(
-                f"model {self._name}: no actuator is declared",
-                remedy="declare it before build, with the coordinates it acts on",
-            )
-        if not self._residuals and len(self._actuators) > 1:
-            raise InputError(
-                f"model {self._name}: {len(self._actuators)} actuators and no servo-constraint",
-                remedy="add one for each: first_order, holonomic or second_order",
-            )
+        self._check_complete()
         domain = self._domain
         if force_bound is not None:
             domain = replace(domain, force=force_bound)
         own = bool(self._own_friction)
-        friction = (
-            ()
-            if own
-            else tuple(friction_parameters(c, domain.uncertain) for c in self._coordinates)
-        )
-        gains = tuple(self._own_gains) if self._residuals else self._gains()
-        law = law_parameters(
-            self._actuators,
-            [r.unit for r in self._residuals] or [self._residual_unit()],
-            domain,
-            [r.unit for r in self._residuals if r.drift is None] if self._residuals else None,
-        )
-        parameters = (
-            *self._parameters,
-            *gains,
-            *law,
-            *self._swing_up,
-            *self._setpoints(),
-            *(p for f in friction for p in f),
-            *self._own_uncertain,
-        )
+        parameters = self._all_parameters(domain)
         p = symbols_of(parameters)
         return ModelSpec(
             name=self._name,
@@ -312,6 +283,38 @@ class ModelBuilder:
             law=standard_law(p, *(getattr(p, name) for name in limit_names(self._actuators))),
             stability=stability,
             swing_up=standard_swing_up(p) if self._swing_up else None,
+        )
+
+    def _check_complete(self) -> None:
+        if not self._actuators:
+            raise InputError(
+                f"model {self._name}: no actuator is declared",
+                remedy="declare it before build, with the coordinates it acts on",
+            )
+        if not self._residuals and len(self._actuators) > 1:
+            raise InputError(
+                f"model {self._name}: {len(self._actuators)} actuators and no servo-constraint",
+                remedy="add one for each: first_order, holonomic or second_order",
+            )
+
+    def _all_parameters(self, domain: Domain) -> tuple[Parameter, ...]:
+        """Return the plant's own parameters, and those that every plant and law have."""
+        standard = () if self._own_friction else self._coordinates
+        friction = (p for c in standard for p in friction_parameters(c, domain.uncertain))
+        law = law_parameters(
+            self._actuators,
+            [r.unit for r in self._residuals] or [self._residual_unit()],
+            domain,
+            [r.unit for r in self._residuals if r.drift is None] if self._residuals else None,
+        )
+        return (
+            *self._parameters,
+            *(self._own_gains if self._residuals else self._gains()),
+            *law,
+            *self._swing_up,
+            *self._setpoints(),
+            *friction,
+            *self._own_uncertain,
         )
 
     def _own_force(self, coordinate: Coordinate) -> sp.Expr:

@@ -7,8 +7,9 @@ coordinate.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 
 import sympy as sp
@@ -58,35 +59,11 @@ def law_parameters(
     What runs over all constraints takes the units of the first. `stabilised` are the units of
     those that (2) stabilises, unless these are all; where it is empty, (2) has no gains.
     """
-    force, residual, several = actuators[0].unit, residual_units[0], len(actuators) > 1
-    gain = unit_product((residual, 1), ("s", -1), (force, -1))
-    scaled = unit_product((gain, 1), (residual, 1))
-
-    def row(
-        name: str,
-        unit: str,
-        text: str,
-        lower: float = 0.0,
-        group: str = "gain",
-        *,
-        opened: bool = True,
-        upper: float = domain.law,
-        latex: str = "",
-    ) -> Parameter:
-        return Parameter(name, unit, text, group, lower, upper, opened, latex=latex)
-
-    drift = (
-        row("sigma", "1/s", "decay rate of the servo-constraint, (2)", latex="\\varsigma"),
-        row(
-            "eta",
-            unit_product(((stabilised or residual_units)[0], 1), ("s", -1)),
-            "bound of the arctan term, (2)",
-            opened=False,
-            latex="\\eta",
-        ),
-    )
+    row = partial(_row, domain)
+    force, scaled = actuators[0].unit, _scaled_gain_unit(actuators, residual_units)
+    some = stabilised is None or stabilised
     return (
-        *(drift if stabilised is None or stabilised else ()),
+        *(_stabilisation(row, (stabilised or residual_units)[0]) if some else ()),
         row("kappa", unit_product((force, 1), (scaled, -1)), "gain of p2, (18)", latex="\\kappa"),
         row(
             "epsilon",
@@ -94,6 +71,50 @@ def law_parameters(
             "layer of p3, (23)",
             latex="\\varepsilon",
         ),
+        *_adaptation(row, force, scaled),
+        *_limits(row, actuators, residual_units, domain),
+    )
+
+
+def _row(
+    domain: Domain,
+    name: str,
+    unit: str,
+    text: str,
+    lower: float = 0.0,
+    group: str = "gain",
+    *,
+    opened: bool = True,
+    upper: float | None = None,
+    latex: str = "",
+) -> Parameter:
+    most = domain.law if upper is None else upper
+    return Parameter(name, unit, text, group, lower, most, opened, latex=latex)
+
+
+def _scaled_gain_unit(actuators: Sequence[Actuator], residual_units: Sequence[str]) -> str:
+    """Return the unit of ADB s."""
+    gain = unit_product((residual_units[0], 1), ("s", -1), (actuators[0].unit, -1))
+    return unit_product((gain, 1), (residual_units[0], 1))
+
+
+def _stabilisation(row: Callable[..., Parameter], unit: str) -> tuple[Parameter, ...]:
+    """Return the gains of (2), of constraints in `unit`."""
+    return (
+        row("sigma", "1/s", "decay rate of the servo-constraint, (2)", latex="\\varsigma"),
+        row(
+            "eta",
+            unit_product((unit, 1), ("s", -1)),
+            "bound of the arctan term, (2)",
+            opened=False,
+            latex="\\eta",
+        ),
+    )
+
+
+def _adaptation(row: Callable[..., Parameter], force: str, scaled: str) -> tuple[Parameter, ...]:
+    """Return the gains of (15)."""
+    return (
         row(
             "k1",
             unit_product((force, 1), ("s", -1), (scaled, -1)),
@@ -109,35 +130,44 @@ def law_parameters(
             opened=False,
             latex="\\hat\\alpha(t_0)",
         ),
+    )
+
+
+def _limits(
+    row: Callable[..., Parameter],
+    actuators: Sequence[Actuator],
+    residual_units: Sequence[str],
+    domain: Domain,
+) -> tuple[Parameter, ...]:
+    """Return the period, the largest commands and the least |ADB|."""
+    several = len(actuators) > 1
+    shortest, longest = domain.sample_time
+    return (
         row(
             "sample_time",
             "s",
             "period of the controller",
-            domain.sample_time[0],
+            shortest,
             "target",
-            opened=domain.sample_time[0] == 0.0,
-            upper=domain.sample_time[1],
+            opened=shortest == 0.0,
+            upper=longest,
             latex="T",
         ),
         *(
             row(
                 name,
                 actuator.unit,
-                f"largest {actuator.name} commanded"
-                if several
-                else "largest force or torque commanded",
+                f"largest {actuator.name if several else 'force or torque'} commanded",
                 group="target",
                 upper=domain.force,
-                latex="\\tau_{\\max}" if not several else "",
+                latex="" if several else "\\tau_{\\max}",
             )
             for name, actuator in zip(limit_names(actuators), actuators, strict=True)
         ),
         row(
             "singular_threshold",
             _determinant_unit(actuators, residual_units),
-            "least |ADB| the law divides by"
-            if not several
-            else "least |det ADB| the law divides by",
+            f"least |{'det ' if several else ''}ADB| the law divides by",
             domain.threshold,
             "target",
             opened=domain.threshold == 0.0,

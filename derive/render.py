@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 
 import sympy as sp
@@ -29,6 +29,10 @@ class Section:
 
     heading: str
     equations: tuple[Equation, ...]
+
+
+#: Makes an equation of a caption, the LaTeX of its left side, its right side and the plain left.
+_Maker = Callable[[str, str, sp.Basic, str], Equation]
 
 
 class _Names(LatexPrinter):  # type: ignore[misc]
@@ -58,98 +62,27 @@ def _printer(spec: ModelSpec, zeros: ZeroDynamics) -> _Names:
 
 def sections(derivation: Derivation) -> tuple[Section, ...]:
     """Return the whole derivation in reading order."""
-    spec, dynamics, constraint = derivation.spec, derivation.dynamics, derivation.constraint
-    printer = _printer(spec, derivation.zero_dynamics)
+    printer = _printer(derivation.spec, derivation.zero_dynamics)
 
     def equation(caption: str, symbol: str, value: sp.Basic, plain: str) -> Equation:
         return Equation(
             caption, f"{symbol} = {printer.doprint(value)}", f"{plain} = {_text(value)}"
         )
 
-    lumped = tuple(
-        equation("lumped parameter", printer.doprint(s), e, s.name) for s, e in spec.lumping
-    )
-    split, zeros = derivation.decomposition, derivation.zero_dynamics
-    degree = len(zeros.coefficients) - 1
+    zeros = derivation.zero_dynamics
     return (
-        Section(
-            "Energies",
-            (
-                equation("kinetic energy", "T", dynamics.kinetic_energy, "T"),
-                equation("potential energy", "V", dynamics.potential_energy, "V"),
-                *lumped,
-            ),
-        ),
-        Section(
-            "Dynamics, (1)",
-            (
-                equation("mass matrix", "M", dynamics.mass_matrix, "M"),
-                equation(
-                    "Coriolis and centripetal matrix (Christoffel)",
-                    "C",
-                    dynamics.coriolis_matrix,
-                    "C",
-                ),
-                equation("gravity", "G", dynamics.gravity, "G"),
-                equation("input matrix", "B", dynamics.input_matrix, "B"),
-            ),
-        ),
-        Section(
-            "Servo-constraint, (2)-(8)",
-            (
-                *_rows(equation, "residual, (3)", "s", constraint.residual),
-                equation("constraint matrix, (7)", "A", constraint.jacobian, "A"),
-                *_rows(equation, "right-hand side of A q'' = b, (7)", "b", constraint.acceleration),
-                equation("input gain, (10)", "ADB", derivation.input_gain, "ADB"),
-            ),
-        ),
+        Section("Energies", _energies(derivation, equation, printer)),
+        Section("Dynamics, (1)", _dynamics(derivation, equation)),
+        Section("Servo-constraint, (2)-(8)", _constraint(derivation, equation)),
         Section("Control law, (15)-(23)", _law(derivation, printer)),
         *_swing_up(derivation, printer),
-        Section(
-            "Uncertainty decomposition, (9)-(12)",
-            (
-                equation("matched part", "\\hat F", split.matched, "Fhat"),
-                equation("mismatched part", "\\Delta\\tilde F", split.mismatched, "dF"),
-            ),
-        ),
+        Section("Uncertainty decomposition, (9)-(12)", _decomposition(derivation, equation)),
         Section(
             "Zero dynamics at the setpoint",
-            (
-                *(
-                    equation(
-                        f"coefficient of p^{degree - k}", f"a_{degree - k}", c, f"a{degree - k}"
-                    )
-                    for k, c in enumerate(zeros.coefficients)
-                ),
-                *(
-                    equation("entry of the linearisation", printer.doprint(s), e, s.name)
-                    for s, e in zeros.entries
-                ),
-                *(
-                    equation(
-                        "gain for p^3 + c2 p^2 + c1 p + c0"
-                        if len(zeros.wanted) == 3
-                        else "gain from poles",
-                        printer.doprint(s),
-                        e,
-                        s.name,
-                    )
-                    for s, e in zeros.gains
-                ),
-                *_cyclic(zeros),
-            ),
+            (*_zero_dynamics(zeros, equation, printer), *_cyclic(zeros)),
         ),
         Section("Hurwitz conditions", _hurwitz(derivation, printer)),
-        Section(
-            "Singular set, ADB = 0",
-            (
-                Equation(
-                    "numerator of ADB",
-                    printer.doprint(sp.fraction(derivation.input_gain)[0]) + " = 0",
-                    f"{_text(sp.fraction(derivation.input_gain)[0])} = 0",
-                ),
-            ),
-        ),
+        Section("Singular set, ADB = 0", (_singular_set(derivation, printer),)),
         Section(
             "Identities proved",
             tuple(
@@ -157,6 +90,67 @@ def sections(derivation: Derivation) -> tuple[Section, ...]:
                 for i in derivation.identities
             ),
         ),
+    )
+
+
+def _energies(derivation: Derivation, equation: _Maker, printer: _Names) -> tuple[Equation, ...]:
+    dynamics = derivation.dynamics
+    return (
+        equation("kinetic energy", "T", dynamics.kinetic_energy, "T"),
+        equation("potential energy", "V", dynamics.potential_energy, "V"),
+        *(
+            equation("lumped parameter", printer.doprint(s), e, s.name)
+            for s, e in derivation.spec.lumping
+        ),
+    )
+
+
+def _dynamics(derivation: Derivation, equation: _Maker) -> tuple[Equation, ...]:
+    dynamics = derivation.dynamics
+    coriolis = "Coriolis and centripetal matrix (Christoffel)"
+    return (
+        equation("mass matrix", "M", dynamics.mass_matrix, "M"),
+        equation(coriolis, "C", dynamics.coriolis_matrix, "C"),
+        equation("gravity", "G", dynamics.gravity, "G"),
+        equation("input matrix", "B", dynamics.input_matrix, "B"),
+    )
+
+
+def _constraint(derivation: Derivation, equation: _Maker) -> tuple[Equation, ...]:
+    constraint = derivation.constraint
+    return (
+        *_rows(equation, "residual, (3)", "s", constraint.residual),
+        equation("constraint matrix, (7)", "A", constraint.jacobian, "A"),
+        *_rows(equation, "right-hand side of A q'' = b, (7)", "b", constraint.acceleration),
+        equation("input gain, (10)", "ADB", derivation.input_gain, "ADB"),
+    )
+
+
+def _decomposition(derivation: Derivation, equation: _Maker) -> tuple[Equation, ...]:
+    split = derivation.decomposition
+    return (
+        equation("matched part", "\\hat F", split.matched, "Fhat"),
+        equation("mismatched part", "\\Delta\\tilde F", split.mismatched, "dF"),
+    )
+
+
+def _zero_dynamics(zeros: ZeroDynamics, equation: _Maker, printer: _Names) -> Iterator[Equation]:
+    degree = len(zeros.coefficients) - 1
+    for k, c in enumerate(zeros.coefficients):
+        power = degree - k
+        yield equation(f"coefficient of p^{power}", f"a_{power}", c, f"a{power}")
+    for s, e in zeros.entries:
+        yield equation("entry of the linearisation", printer.doprint(s), e, s.name)
+    third = len(zeros.wanted) == 3
+    caption = "gain for p^3 + c2 p^2 + c1 p + c0" if third else "gain from poles"
+    for s, e in zeros.gains:
+        yield equation(caption, printer.doprint(s), e, s.name)
+
+
+def _singular_set(derivation: Derivation, printer: LatexPrinter) -> Equation:
+    numerator = sp.fraction(derivation.input_gain)[0]
+    return Equation(
+        "numerator of ADB", f"{printer.doprint(numerator)} = 0", f"{_text(numerator)} = 0"
     )
 
 
@@ -207,7 +201,7 @@ def _condition(where: str, condition: HurwitzCondition, printer: _Names) -> Equa
 
 
 def _rows(
-    equation: Callable[[str, str, sp.Basic, str], Equation],
+    equation: _Maker,
     caption: str,
     letter: str,
     column: sp.Matrix,

@@ -92,14 +92,7 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     while coefficients and coefficients[0] == 0:  # slopes that are related may cancel
         in_slopes, coefficients = in_slopes[1:], coefficients[1:]
     if not coefficients:
-        raise InputError(
-            f"model {spec.name}: ADB and its slopes are zero at the setpoint, at rest: the "
-            f"actuators do not move {', '.join(s.name for s in spec.constraint.residual_symbols)} "
-            "there",
-            remedy="choose a servo-constraint that the actuators reach at the setpoint; one that "
-            "is quadratic in the velocities, such as an energy, needs a linear part",
-            about="residual",
-        )
+        raise _unreached(spec)
     entries = tuple(named.values.items())
     cyclic = cyclic_directions(spec, dynamics, constraint)
     still = without_friction(spec, [c.xreplace(dict(entries)) for c in coefficients])
@@ -110,6 +103,17 @@ def zero_dynamics(spec: ModelSpec, dynamics: Dynamics, constraint: Constraint) -
     gains = () if named.values else _synthesise(spec, tuple(coefficients[: order + 1]), wanted)
     return ZeroDynamics(
         tuple(coefficients), entries, wanted, gains, tuple(in_slopes), slopes, cyclic, at_origin
+    )
+
+
+def _unreached(spec: ModelSpec) -> InputError:
+    names = ", ".join(s.name for s in spec.constraint.residual_symbols)
+    return InputError(
+        f"model {spec.name}: ADB and its slopes are zero at the setpoint, at rest: the actuators "
+        f"do not move {names} there",
+        remedy="choose a servo-constraint that the actuators reach at the setpoint; one that is "
+        "quadratic in the velocities, such as an energy, needs a linear part",
+        about="residual",
     )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,18 @@ from typing import Any
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+#: Whether the tests of thorough.toml run too, and others take all their samples: `make thorough`.
+THOROUGH = os.environ.get("PFAFFIAN_THOROUGH") == "1"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what only `make thorough` runs, and say what of it stays."""
+    listed = tomllib.loads((Path(__file__).parent / "thorough.toml").read_text(encoding="utf-8"))
+    for item in items:
+        rows = listed.get(item.path.stem, {})
+        short = rows.get(item.name) or rows.get(item.name.partition("[")[0])
+        if short and not THOROUGH:
+            item.add_marker(pytest.mark.skip(reason=f"make thorough; here: {short}"))
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,12 @@ def usable(names: Sequence[str], *, member: bool = False) -> list[str]:
     return [n for n in names if not objection(n, member=member) and n not in taken]
 
 
+def may_be_a_coordinate(name: str) -> bool:
+    """Return whether the rate, acceleration and setpoint that follow are names, and different."""
+    following = [f"d{name}", f"dd{name}", f"{name}d"]
+    return len(set(following)) == 3 and not any(map(objection, following))
+
+
 def plant(named: Named) -> ModelSpec:
     """Return discs on a shaft, the first a pendulum; parameters pull at it, gains add to a rate."""
     m = ModelBuilder("fuzzed", title="discs on a shaft", source="made up for the test")

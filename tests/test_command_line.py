@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from conftest import REPOSITORY
 from pfaffian.cli.main import app, bench_app
-from pfaffian.derive.library import library_models
+from pfaffian.derive.library import find_model, library_models
 from pfaffian.derive.verify import compare
 from pfaffian.runtime.flight import Trajectory
 from pfaffian.runtime.generated_model import open_generated
@@ -179,6 +179,35 @@ def test_the_main_job_leaves_its_code_and_one_page_and_tells_it_in_one_document(
     assert [p.name for p in (workspace / "made").iterdir()] == ["pendubot.html"]
     assert document["report"] == "made/pendubot.html"
     assert run("generate", "pendubot", "--check").code == 0  # into generated/MODEL by default
+
+
+@pytest.mark.target
+def test_the_main_job_flies_a_law_and_a_complete_controller_and_tells_it(run, workspace):
+    """As the job of the library, on a copy of its folder with shorter flights."""
+    folder = workspace / "pendubot"
+    shutil.copytree(find_model("pendubot").path, folder, ignore=lambda *_: ["__pycache__"])
+    (folder / "scenarios").mkdir()
+    for name, was, seconds in (
+        ("section-5.1-designed", "10 s", "1 s"),
+        ("rig-swing-up", "35 s", "2 s"),
+    ):
+        text = scenario_paths()[name].read_text(encoding="utf-8")
+        assert text.count(f'duration = "{was}"') == 1
+        (folder / "scenarios" / f"{name}.toml").write_text(
+            text.replace(f'duration = "{was}"', f'duration = "{seconds}"'), encoding="utf-8"
+        )
+    outcome = run("run", "./pendubot", "--samples", 50, "-o", "made", "--json")
+    assert outcome.code == 0, outcome.err
+    document = outcome.document()
+    assert document["verification"]["passed"] is True
+    assert document["build"]["target"] == "ppc750"
+    assert [f["scenario"] for f in document["flights"]] == ["section-5.1-designed", "rig-swing-up"]
+    for flight in document["flights"]:
+        assert set(FLIGHT) <= set(flight)
+        assert (flight["mode"], flight["differing_bits"]) == ("pil-unicorn", 0)
+    assert document["flights"][1]["captured"] is True
+    assert (workspace / document["report"]).read_text(encoding="utf-8").count("<svg") > 10
+    assert run("generate", "./pendubot", "--check").code == 0
 
 
 @pytest.mark.target

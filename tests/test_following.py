@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import THOROUGH
 from pfaffian.cli.check import verification
 from pfaffian.cli.make import Extras, generate_files
 from pfaffian.derive.emit.plan_table import PlanTable, plan_table
@@ -218,7 +219,7 @@ def test_starts_and_plants_off_by_five_percent_are_caught_as_by_the_python_law(m
     """Both laws fly the same draws, with the same rates; the Python one lacks p3."""
     values = model.folder.parameters("rig")
     derivation = derivation_of(find_model("pendubot"))
-    options = FollowOptions(sigma=values["sigma"], rate=RATE)
+    options = FollowOptions(sigma=values["sigma"], rate=RATE, draws=5 if THOROUGH else 2)
     python = {f.case: f.law for f in follow_plan(derivation, plan, options)}
     rng = np.random.default_rng(options.seed)
     nominal = dict(plan.problem.parameters)

@@ -16,7 +16,7 @@ from conftest import REPOSITORY
 from pfaffian.runtime.generated_model import open_generated
 from pfaffian.runtime.toolchain import runtime_c
 
-SECONDS = int(os.environ.get("PFAFFIAN_FUZZ_SECONDS", "8"))
+SECONDS = int(os.environ.get("PFAFFIAN_FUZZ_SECONDS", "3"))
 TESTS = REPOSITORY / "tests"
 FOLDER = open_generated("pendubot")
 SANITIZED = ["-fsanitize=fuzzer,address,undefined", "-fno-sanitize-recover=all"]

@@ -26,6 +26,7 @@ from support_names import (
     OURS,
     Named,
     generated,
+    may_be_a_coordinate,
     usable,
     verified,
 )
@@ -69,6 +70,11 @@ def test_the_documents_list_what_is_reserved():
     assert lists[1].split() == CONTROLLER.split()
     for name in lists[0].split():
         assert objection(name)
+
+
+def test_a_coordinate_whose_rate_is_called_as_its_setpoint_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"dd is the name of the rate .* and of the setpoint"):
+        generated(Named(coordinates=("d", "right")), tmp_path / "out")
 
 
 @pytest.mark.parametrize("name", ["o", "voi"])
@@ -202,6 +208,7 @@ def test_names_as_parameter_and_gain(role, names, tmp_path):
 def several():
     """Return plants of three coordinates, actuators and constraints, each name in each role."""
     names = [n for n in usable(NAMES, member=True) if n not in {"x1", "t1"}]
+    names = [n for n in names if may_be_a_coordinate(n)]
     names = [n for n in names if f"d{n}" not in names and f"dd{n}" not in names]
     count = len(names)
     for k in range(0, count, 3):
@@ -218,7 +225,7 @@ def test_names_with_several(named, tmp_path):
 def test_a_name_alone(name, tmp_path):
     other = "u" if name != "u" else "v"
     for named in (
-        Named(coordinates=(name, "right")),
+        *([Named(coordinates=(name, "right"))] if may_be_a_coordinate(name) else []),
         Named(actuators=(name,)),
         Named(constraints=(name,), actuators=(other,)),
     ):

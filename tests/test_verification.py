@@ -5,6 +5,7 @@ import shutil
 import mpmath
 import numpy as np
 import pytest
+from conftest import THOROUGH
 from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
 from pfaffian.derive.program import evaluate
@@ -92,7 +93,7 @@ def test_the_oracle_agrees_with_mpmath_at_fifty_digits(source):
     block = derivation.block("continuous")
     values = draw(model, block.inputs, sets, 5, np.random.default_rng(4)).values
     oracle = Oracle(block)
-    for k in range(5):
+    for k in range(5 if THOROUGH else 2):
         point = {n: float(v[k]) for n, v in values.items()}
         outputs, _ = oracle(point)
         exact = {s: mpmath.mpf(point[s.name]) for s in block.symbols}

@@ -195,19 +195,10 @@ def emit_c(emission: Emission) -> dict[str, str]:
     """Return the C files of `emission` by path."""
     model = emission.model
     precision = emission.precision
-    inline, plain = (dialect_of(model, d) for d in (precision.inline, precision.dialect))
-    of_plant = dialect_of(model, precision.dialect, C_PLANT_LOCALS)
     structures = structures_of(
         model, precision.real, emission.step, emission.prepare, follow=bool(emission.plans)
     )
-    controller = pointers(
-        input="input", state="state", prepared="state", parameter="params", baked="baked"
-    )
-    program, checks = with_checks(emission.step)
-    step = body_of(program, controller, inline, input_bounds(model))
-    prepare = emission.prepare
     header = "\n".join(["/*", *(f" * {line}" for line in emission.banner()), " */"])
-    plant = pointers(input="state", torque="input", parameter="params")
     context: dict[str, object] = {
         "header": header,
         "has_control": bool(emission.controls) and precision is DOUBLE,
@@ -224,30 +215,8 @@ def emit_c(emission: Emission) -> dict[str, str]:
             for role, s in structures.items()
         },
         "status": [{"name": n, "text": STATUS_TEXT[n]} for n in STATUS],
-        "witness": witness_of(structures, emission.prepare),
-        "sets": _set_contexts(emission, structures["params"]),
-        "parameter_bounds": [
-            *_bounds(model, structures["params"], precision),
-            *_fixed(emission, structures["params"]),
-        ],
-        "baked": [
-            {"name": n, "literal": precision.literal(v)}
-            for n, v in (emission.baked.constants if emission.baked else ())
-        ],
-        "domain": domain(model, precision),
-        "actuators": [a.name for a in model.actuators],
-        "limits": model.limits,
-        "coordinates": [c.name for c in model.coordinates],
-        "plans": [f"{model.name}_plan_{snake(p.name)}" for p in emission.plans],
-        "step": step,
-        "checked": [step.results[name] for name in checks],
-        "next_state": [s.name for s in program.outputs if s.group == "next_state"],
-        "prepare": body_of(restricted(prepare, "prepared"), controller, plain),
-        "unbounded": unbounded(prepare, input_bounds(model)),
-        "start": body_of(restricted(prepare, "state"), controller, plain),
-        "continuous": body_of(model.program("continuous"), controller, plain),
-        "acceleration": body_of(model.program("acceleration"), plant, of_plant),
-        "energy": body_of(model.program("energy"), plant, of_plant),
+        **_declarations(emission, structures),
+        **_bodies(emission),
         "operations": {p.name: sum(p.op_count().values()) for p in model.programs},
     }
     elementary = {"header": header, **emission.elementary()}
@@ -272,6 +241,47 @@ def emit_c(emission: Emission) -> dict[str, str]:
     ):
         files[f"c/{path}"] = fill(f"c/{template}.j2", context)
     return files
+
+
+def _declarations(emission: Emission, structures: Mapping[str, Structure]) -> dict[str, object]:
+    """Return the parameter sets, the bounds and the names that the files declare."""
+    model, precision, params = emission.model, emission.precision, structures["params"]
+    constants = emission.baked.constants if emission.baked else ()
+    return {
+        "witness": witness_of(structures, emission.prepare),
+        "sets": _set_contexts(emission, params),
+        "parameter_bounds": [*_bounds(model, params, precision), *_fixed(emission, params)],
+        "baked": [{"name": n, "literal": precision.literal(v)} for n, v in constants],
+        "domain": domain(model, precision),
+        "actuators": [a.name for a in model.actuators],
+        "limits": model.limits,
+        "coordinates": [c.name for c in model.coordinates],
+        "plans": [f"{model.name}_plan_{snake(p.name)}" for p in emission.plans],
+    }
+
+
+def _bodies(emission: Emission) -> dict[str, object]:
+    """Return the bodies of the law's and of the plant's functions, and what is checked in them."""
+    model, prepare, precision = emission.model, emission.prepare, emission.precision
+    inline, plain = (dialect_of(model, d) for d in (precision.inline, precision.dialect))
+    of_plant = dialect_of(model, precision.dialect, C_PLANT_LOCALS)
+    controller = pointers(
+        input="input", state="state", prepared="state", parameter="params", baked="baked"
+    )
+    plant = pointers(input="state", torque="input", parameter="params")
+    program, checks = with_checks(emission.step)
+    step = body_of(program, controller, inline, input_bounds(model))
+    return {
+        "step": step,
+        "checked": [step.results[name] for name in checks],
+        "next_state": [s.name for s in program.outputs if s.group == "next_state"],
+        "prepare": body_of(restricted(prepare, "prepared"), controller, plain),
+        "unbounded": unbounded(prepare, input_bounds(model)),
+        "start": body_of(restricted(prepare, "state"), controller, plain),
+        "continuous": body_of(model.program("continuous"), controller, plain),
+        "acceleration": body_of(model.program("acceleration"), plant, of_plant),
+        "energy": body_of(model.program("energy"), plant, of_plant),
+    }
 
 
 def _swing_up(model: LoweredModel, precision: Precision) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from pfaffian.derive.emit.emitter import (
     Emission,
@@ -20,6 +20,7 @@ from pfaffian.derive.emit.statements import Dialect, Statement, statements_of, w
 from pfaffian.derive.emit.structures import STATUS, STATUS_TEXT, structures_of, witness_of
 from pfaffian.derive.optimise.ranges import unbounded
 from pfaffian.derive.program import Op, Program, Signal
+from pfaffian.runtime.manifest import Structure
 
 DIALECT = Dialect(
     patterns={
@@ -86,22 +87,24 @@ def python_body(
     return {"loads": loads, "lines": [_line(s) for s in statements], "results": results}
 
 
+#: Where the law's and the plant's functions find their inputs, by group.
+_CONTROLLER = {
+    "input": "measured",
+    "state": "state",
+    "prepared": "state",
+    "parameter": "params",
+    "baked": "_Baked",
+}
+_PLANT = {"input": "state", "torque": "applied", "parameter": "params"}
+
+
 def emit_python(emission: Emission) -> dict[str, str]:
     """Return the Python module of `emission` and the package's `__init__`."""
     model = emission.model
     structures = structures_of(
         model, step=emission.step, prepare=emission.prepare, follow=bool(emission.plans)
     )
-    controller = {
-        "input": "measured",
-        "state": "state",
-        "prepared": "state",
-        "parameter": "params",
-        "baked": "_Baked",
-    }
-    plant = {"input": "state", "torque": "applied", "parameter": "params"}
-    step = emission.step
-    checked, checks = with_checks(step)
+    checked, checks = with_checks(emission.step)
     context: dict[str, object] = {
         "header": emission.banner(),
         "has_swing_up": model.has_program("swing_up"),
@@ -109,6 +112,40 @@ def emit_python(emission: Emission) -> dict[str, str]:
         "note": "" if emission.precision is DOUBLE else _SINGLE_NOTE,
         "model": model.name,
         "own": model.own,
+        **_declarations(emission, structures),
+        **_members(emission, structures),
+        "checked": checks,
+        "step": python_body(checked, _CONTROLLER),
+        **_following(emission, _CONTROLLER),
+        "unbounded": unbounded(emission.prepare, input_bounds(model)),
+        "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
+        "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
+        "prepare": python_body(emission.prepare, _CONTROLLER),
+        **{
+            name: python_body(model.program(name), sources)
+            for name, sources in (
+                *((n, _CONTROLLER) for n in ("continuous", "setpoint", "input_gain")),
+                *((n, _PLANT) for n in ("acceleration", "energy")),
+            )
+        },
+    }
+    if model.has_program("swing_up"):
+        swing_up, swing_up_checks = with_checks(model.program("swing_up"))
+        context["swing_up"] = python_body(swing_up, _CONTROLLER)
+        context["swing_up_checked"] = swing_up_checks
+        context["swing_up_names"] = structures["swing_up_output"].names()
+    return {
+        f"{model.name}.py": fill("python/model.py.j2", context),
+        "__init__.py": fill("python/package.py.j2", context),
+    }
+
+
+def _declarations(
+    emission: Emission, structures: Mapping[str, Structure]
+) -> dict[str, list[dict[str, object]]]:
+    """Return the classes, statuses, parameter sets and bounds that the module declares."""
+    model, params = emission.model, structures["params"].names()
+    return {
         "classes": [
             {
                 "name": _class_name(role),
@@ -123,15 +160,12 @@ def emit_python(emission: Emission) -> dict[str, str]:
             }
             for role, s in structures.items()
         ],
-        "witness": witness_of(structures, emission.prepare),
         "status": [{"name": n, "value": k, "text": STATUS_TEXT[n]} for k, n in enumerate(STATUS)],
         "sets": [
             {
                 "name": snake(s.name).upper(),
                 "title": comment_text(s.title),
-                "members": [
-                    {"name": n, "value": repr(s.as_dict()[n])} for n in structures["params"].names()
-                ],
+                "members": [{"name": n, "value": repr(s.as_dict()[n])} for n in params],
             }
             for s in emission.sets
         ],
@@ -144,34 +178,22 @@ def emit_python(emission: Emission) -> dict[str, str]:
                 "relation": ">" if p.lower_open else ">=",
             }
             for p in model.parameters
-            if p.name in structures["params"].names()
+            if p.name in params
         ],
-        "prepared": [s.name for s in model.program("prepare").outputs if s.group == "prepared"],
+    }
+
+
+def _members(emission: Emission, structures: Mapping[str, Structure]) -> dict[str, object]:
+    """Return the names of what is prepared, remembered, given and limited."""
+    model = emission.model
+    prepared = [s.name for s in model.program("prepare").outputs if s.group == "prepared"]
+    return {
+        "witness": witness_of(structures, emission.prepare),
+        "prepared": prepared,
         "state_names": structures["state"].names(),
         "output_names": structures["output"].names(),
         "limits": model.limits,
-        "next_state": [s.name for s in step.outputs if s.group == "next_state"],
-        "checked": checks,
-        "step": python_body(checked, controller),
-        **_following(emission, controller),
-        "unbounded": unbounded(emission.prepare, input_bounds(model)),
-        "baked": [{"name": n, "value": repr(v)} for n, v in _constants(emission)],
-        "fixed": [{"name": n, "value": repr(v)} for n, v in _fixed(emission)],
-        "prepare": python_body(emission.prepare, controller),
-        "continuous": python_body(model.program("continuous"), controller),
-        "acceleration": python_body(model.program("acceleration"), plant),
-        "energy": python_body(model.program("energy"), plant),
-        "setpoint": python_body(model.program("setpoint"), controller),
-        "input_gain": python_body(model.program("input_gain"), controller),
-    }
-    if model.has_program("swing_up"):
-        swing_up, swing_up_checks = with_checks(model.program("swing_up"))
-        context["swing_up"] = python_body(swing_up, controller)
-        context["swing_up_checked"] = swing_up_checks
-        context["swing_up_names"] = structures["swing_up_output"].names()
-    return {
-        f"{model.name}.py": fill("python/model.py.j2", context),
-        "__init__.py": fill("python/package.py.j2", context),
+        "next_state": [s.name for s in emission.step.outputs if s.group == "next_state"],
     }
 
 

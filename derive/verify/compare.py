@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -123,68 +123,100 @@ def verify(
     apart. `baked` are the parameters that are folded into the code: what begins with `init` takes
     no others.
     """
-    tallies: dict[tuple[str, str], _Tally] = {}
-    everyone = [*subjects, *([target] if target else [])]
-    mismatches = undecided = compared = done = beyond = beyond_near = emulated = 0
-    branches: dict[str, float] = {}
     functions = [f for f in functions if model.has_program(f)]
-    for function in functions:
+    counts = _Counts()
+    for number, function in enumerate(functions):
         block = derivation.block(function)
         judge = _Judge(model, block, unit)
-        rng = np.random.default_rng([_SEED, functions.index(function)])
+        rng = np.random.default_rng([_SEED, number])
+        fixed = baked if function in FOLDED else None
         for start in range(0, samples, _CHUNK):
             count = min(_CHUNK, samples - start)
-            fixed = baked if function in FOLDED else None
             drawn = draw(model, block.inputs, sets, count, rng, unit, judge.holds, block, fixed)
-            beyond, beyond_near = beyond + drawn.beyond, beyond_near + drawn.beyond_near
-            values = drawn.values
             for_target = max(0, min(count, target_samples - start)) if target else 0
-            computed = _computed(function, values, subjects, target, for_target)
-            undecided += judge.update(drawn, computed, tallies)
+            computed = _computed(function, drawn.values, subjects, target, for_target)
+            counts.beyond += drawn.beyond
+            counts.beyond_near += drawn.beyond_near
+            counts.undecided += judge.update(drawn, computed, counts.tallies)
             if target and for_target:
-                differs = _differing(computed[_host(subjects).name], computed[target.name])
-                if witness and differs.any():
-                    part = {n: v[:for_target] for n, v in values.items()}
-                    known = ~_differing(witness.evaluate(function, part), computed[target.name])
-                    emulated += int((differs & known).sum())
-                    differs &= ~known
-                mismatches += int(differs.sum())
-                compared += for_target if function == "step" else 0
+                here, there = computed[_host(subjects).name], computed[target.name]
+                part = {n: v[:for_target] for n, v in drawn.values.items()}
+                counts.compare_bits(function, here, there, part, witness)
             if function in ("step", "swing_up"):
-                _count_branches(branches, block, judge.last_exact, samples)
-            done += count
+                _count_branches(counts.branches, block, judge.last_exact, samples)
+            counts.done += count
             if progress:
-                progress(done, samples * len(functions))
-    results = tuple(
-        FunctionResult(
-            f,
-            s.name,
-            target_samples if s is target else samples,
-            t.worst,
-            t.output,
-            t.at or {},
-            t.worst_by_input,
-            t.worst_by_input_near,
-            t.worst_near,
-            t.undecided,
+                progress(counts.done, samples * len(functions))
+    drawn_for = {s.name: samples for s in subjects}
+    drawn_for |= {target.name: target_samples} if target else {}
+    return counts.verification(functions, drawn_for, samples, unit.precision)
+
+
+@dataclass
+class _Counts:
+    """What is counted while functions are compared."""
+
+    tallies: dict[tuple[str, str], _Tally] = field(default_factory=dict)
+    branches: dict[str, float] = field(default_factory=dict)
+    mismatches: int = 0
+    undecided: int = 0
+    compared: int = 0
+    done: int = 0
+    beyond: int = 0
+    beyond_near: int = 0
+    emulated: int = 0
+
+    def compare_bits(
+        self,
+        function: str,
+        here: Mapping[str, Array],
+        there: Mapping[str, Array],
+        values: Mapping[str, Array],
+        witness: Subject | None,
+    ) -> None:
+        """Count the samples with other bits on the target, those of the emulator alone apart."""
+        differs = _differing(here, there)
+        if witness and differs.any():
+            known = ~_differing(witness.evaluate(function, values), there)
+            self.emulated += int((differs & known).sum())
+            differs &= ~known
+        self.mismatches += int(differs.sum())
+        self.compared += len(differs) if function == "step" else 0
+
+    def verification(
+        self, functions: Sequence[str], drawn: Mapping[str, int], samples: int, precision: str
+    ) -> Verification:
+        """Return what was found of `functions`, with `drawn` samples by subject."""
+        results = tuple(
+            FunctionResult(
+                function=f,
+                language=name,
+                samples=count,
+                worst_scaled_ulp=t.worst,
+                output=t.output,
+                at=t.at or {},
+                worst_input_scaled_ulp=t.worst_by_input,
+                worst_input_scaled_ulp_near_sets=t.worst_by_input_near,
+                worst_scaled_ulp_near_sets=t.worst_near,
+                undecided=t.undecided,
+            )
+            for f in functions
+            for name, count in drawn.items()
+            if (t := self.tallies.get((f, name))) is not None
         )
-        for f in functions
-        for s in everyone
-        if (t := tallies.get((f, s.name))) is not None
-    )
-    return Verification(
-        samples,
-        max(r.worst_scaled_ulp for r in results),
-        compared,
-        mismatches,
-        undecided,
-        results,
-        branches,
-        unit.precision,
-        beyond,
-        beyond_near,
-        emulated,
-    )
+        return Verification(
+            samples=samples,
+            worst_scaled_ulp=max(r.worst_scaled_ulp for r in results),
+            target_samples=self.compared,
+            target_mismatches=self.mismatches,
+            undecided=self.undecided,
+            functions=results,
+            branches=self.branches,
+            precision=precision,
+            beyond=self.beyond,
+            beyond_near=self.beyond_near,
+            emulator_roundings=self.emulated,
+        )
 
 
 def _host(subjects: Sequence[Subject]) -> Subject:

@@ -136,6 +136,7 @@ def execute(
         "PFAFFIAN_CACHE": str(cache),
         "TMPDIR": str(temporary),
         "COLUMNS": "400",
+        "PFAFFIAN_THOROUGH": "1",
     }
     process = subprocess.Popen(
         [sys.executable, *command],
