@@ -26,16 +26,17 @@ verify: $(READY)
 
 # The elementary functions at a million points each (minutes), proofs and costs included.
 elementary: $(READY)
-	PFAFFIAN_ELEMENTARY_POINTS=250000 $(BIN)/python -m pytest -n $(JOBS) tests/test_elementary_*.py
+	PFAFFIAN_THOROUGH=1 PFAFFIAN_ELEMENTARY_POINTS=250000 $(BIN)/python -m pytest -n $(JOBS) \
+	  tests/test_elementary_*.py
 
 # One trajectory of 30,000 periods on every machine there is: its hashes must be one.
 machines: $(READY)
 	PFAFFIAN_FLIGHT_STEPS=30000 $(BIN)/python -m pytest -v -s tests/test_flight_programs.py -k one_trajectory
 
-# Static analysis, sanitizers and proofs; `make test` runs them too. -rs names what is skipped.
+# Static analysis, sanitizers and proofs; `make test` runs most of them too. -rs names what is skipped.
 prove: $(READY)
-	PFAFFIAN_PROVE_ALL=1 $(BIN)/python -m pytest -rs tests/test_misra.py tests/test_sanitizers.py \
-	  tests/test_eva.py tests/test_eva_control.py tests/test_elementary_proofs.py \
+	PFAFFIAN_THOROUGH=1 PFAFFIAN_PROVE_ALL=1 $(BIN)/python -m pytest -rs tests/test_misra.py \
+	  tests/test_sanitizers.py tests/test_eva.py tests/test_eva_control.py tests/test_elementary_proofs.py \
 	  tests/test_c_contract.py tests/test_arithmetic.py
 
 # The fuzzer for TIME seconds each on the step, the supervisor and the control; a million bit flips
@@ -64,10 +65,10 @@ run-all: $(READY)
 
 # 300 names as coordinate, parameter, gain, actuator and constraint, alone and with several (long).
 names: $(READY)
-	PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
+	PFAFFIAN_THOROUGH=1 PFAFFIAN_NAMES=all $(BIN)/python -m pytest -n $(JOBS) tests/test_names.py
 
 flips: $(READY)
-	PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
+	PFAFFIAN_THOROUGH=1 PFAFFIAN_FLIPS=1000000 $(BIN)/python -m pytest -s tests/test_bit_flips.py \
 	  tests/test_control_flips.py tests/test_control_bits.py
 
 # Each of the planted faults of tests/mutants in a scratch copy, against the tests that must notice.

@@ -39,12 +39,9 @@ def certify_design(
 
     A plant of one's own is generated for it, unless `generated` is a folder of its code.
     """
-    from pfaffian.derive.certificate.certify import certify
-    from pfaffian.derive.certificate.region import parse_point, parse_region
+    from pfaffian.api.checking import certified
     from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, lowered_model
-    from pfaffian.runtime.continuous import fly_continuous
-    from pfaffian.runtime.generated_model import host_model
     from pfaffian.runtime.scenario import read_scenario
 
     source = find_model(reference)
@@ -56,14 +53,7 @@ def certify_design(
         scenario = _scenario(model, source, read_scenario(name, code, set_name))
         if params:
             scenario = _with_parameters(scenario, model, source, params)
-        if initial:
-            scenario = replace(scenario, initial=parse_point(initial, scenario.initial))
-        coordinates = scenario.folder.manifest.coordinates
-        sides = parse_region(region, coordinates, scenario.setpoint) if region else {}
-        output.note(f"flying {scenario.name} under the continuous law")
-        flight = fly_continuous(scenario, host_model(scenario.folder))
-        output.note("bounding ADB and Fhat over the region")
-        certificate = certify(derivation, flight, sides)
+        certificate = certified(derivation, scenario, region or "", initial or "", output)
         document = certificate_document(source.name, certificate)
     output.deliver(
         document,
@@ -81,14 +71,14 @@ def _check_choice(set_name: str | None, params: Path | None) -> None:
 
 def _own_code(source: ModelFolder, scratch: Path) -> Path | None:
     """Return a folder of freshly generated code; nothing for a model whose code is here."""
-    from pfaffian.cli.main_job import generation_of
+    from pfaffian.derive.generate_model import Sets, generate_model
     from pfaffian.derive.library import library_models
     from pfaffian.derive.writer import write_generation
 
     if source in library_models().values():
         return None
     output.note(f"generating the code of {source.name}")
-    write_generation(generation_of(source), scratch / source.name)
+    write_generation(generate_model(source, Sets(whole=True)).generation, scratch / source.name)
     return scratch / source.name
 
 

@@ -3,44 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pfaffian.cli import output
+from pfaffian.derive.generate_model import Extras as Extras
 from pfaffian.runtime.errors import InputError
-
-if TYPE_CHECKING:
-    from pfaffian.derive.parameter_set import ParameterSet
-
-
-@dataclass(frozen=True)
-class Extras:
-    """What a generation has beyond the default: a set folded in, derivatives, a batch form.
-
-    These come in double precision only.
-    """
-
-    bake: bool = False
-    jacobians: bool = False
-    batch: bool = False
-    precision: str = "double"
-    plan: Path | None = None
-
-    def check(self) -> None:
-        """Raise `InputError` for what does not come in single precision."""
-        if self.bake and self.plan:
-            raise InputError(
-                "--plan and --bake are both given",
-                remedy="leave one out: a law with a set folded in follows no plan",
-            )
-        names = [n for n in ("bake", "jacobians", "batch") if getattr(self, n)]
-        if names and self.precision != "double":
-            raise InputError(
-                f"--{names[0]} comes in double precision only",
-                remedy="leave --precision out, or generate it apart",
-            )
 
 
 def generate_files(
@@ -53,20 +21,10 @@ def generate_files(
     as_json: bool,
 ) -> None:
     """Generate a model's files into `folder`, or compare them with what is there."""
-    from pfaffian.derive.emit.emitter import Emission
     from pfaffian.derive.emit.precision import DOUBLE, precision_named
-    from pfaffian.derive.generation import generate
+    from pfaffian.derive.generate_model import Sets, generate_model
     from pfaffian.derive.library import find_model
-    from pfaffian.derive.pipeline import (
-        StageClock,
-        complete_sets,
-        jacobian_programs,
-        library_controls,
-        lowered_model,
-        parameter_set,
-        plan_tables,
-        single_elementary,
-    )
+    from pfaffian.derive.pipeline import StageClock
     from pfaffian.derive.writer import check_target, drift, write_generation
 
     if set_name and params:
@@ -79,41 +37,11 @@ def generate_files(
     if not check:
         check_target(target)
     clock = StageClock()
-    model = lowered_model(source, clock)
-    since = time.perf_counter()
-    sets: tuple[ParameterSet, ...]
-    left_out: Mapping[str, str] = {}
-    if params:
-        sets = (parameter_set(model, source, params),)
-    elif set_name:
-        sets = (parameter_set(model, source, source.set_path(set_name)),)
-    else:
-        found = complete_sets(model, source)
-        sets, left_out = found.sets, found.left_out
-        for line in found.notes(reference):
-            output.note(line)
-    if not sets and not left_out:
-        raise InputError(
-            f"model {source.name} has no parameter set",
-            remedy=f"write one beside {source.spec_file}, or name a file with --params; "
-            "pfaffian template prints one to fill in",
-        )
-    clock.record("parameters", since)
-    for line in (n for s in sets for n in s.notes):
-        output.note(line)
-    jacobians = jacobian_programs(source, clock) if extras.jacobians else ()
-    plans = () if extras.bake else plan_tables(model, source, sets, extras.plan)
-    since = time.perf_counter()
-    with source.blamed():
-        single = {} if precision is DOUBLE else single_elementary()
-        generation = generate(
-            Emission(
-                *(model, sets, extras.bake, jacobians, extras.batch, precision, single),
-                plans=plans,
-                controls=() if extras.bake else library_controls(model, source, sets, plans),
-            )
-        )
-    clock.record("emit", since)
+    wanted = Sets(params=params, named=set_name)
+    made = generate_model(
+        source, wanted, extras, reference=reference, clock=clock, note=output.note
+    )
+    model, sets, generation = made.model, made.sets, made.generation
     if check:
         _report_drift(drift(generation, target), target, source.name, as_json)
         return
@@ -128,7 +56,7 @@ def generate_files(
                 "folder": str(target),
                 "model_sha256": model.sha256,
                 "sets": [s.name for s in sets],
-                "sets_left_out": dict(left_out),
+                "sets_left_out": dict(made.left_out),
                 "notes": [n for s in sets for n in s.notes],
                 "files": len(generation.files),
                 "changed": changed,
@@ -173,18 +101,19 @@ def build_image(
     as_json: bool,
 ) -> None:
     """Compile a generated controller and report what it costs."""
+    from pfaffian.api.checking import build
     from pfaffian.runtime.files import check_output_folder, write_outputs
-    from pfaffian.runtime.firmware import build_controller
     from pfaffian.runtime.generated_model import open_generated
 
     check_output_folder(folder, "-o")
     source = open_generated(str(generated or reference))
     output.note(f"building {source.manifest.model} for {target_name}")
-    image, report = build_controller(source, target_name, toolchain)
+    built = build(source, target_name, toolchain)
+    report = dict(built.document)
     if folder:
         suffix = "so" if target_name == "host" else "elf"
         path = folder / f"{source.manifest.model}-{report['target']}.{suffix}"
-        write_outputs({path: image})
+        write_outputs({path: built.image})
         report = {**report, "image": str(path)}
     if as_json:
         output.emit_json(report)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pfaffian.runtime.documents import read_toml, shown, suggestion
@@ -190,17 +190,52 @@ def _read_set(
     above: tuple[Path, ...],
 ) -> RawSet:
     document = read_toml(path)
-    by_table: dict[str, list[str]] = {table: [] for table in dict.fromkeys(TABLES.values())}
-    for parameter in declared:
-        if parameter.group in TABLES:
-            by_table[TABLES[parameter.group]].append(parameter.name)
-    by_table["gains"].append(POLES_KEY)
-    _check_keys(document, by_table, path)
+    _check_keys(document, _names_by_table(declared), path)
     _check_filled(document, path)
     if path in above:
         chain = " -> ".join(str(p) for p in (*above, path))
         raise InputError(f"{path}: extends itself ({chain})", remedy="break the circle")
     base = _base_of(document, path, declared, known_sets, (*above, path))
+    return _raw_set(document, declared, base, path)
+
+
+def changed_set(
+    base: RawSet, changes: Mapping[str, object], declared: tuple[Parameter, ...]
+) -> RawSet:
+    """Return `base` with `changes` by name, as a set that extends it would have them.
+
+    Values are what may stand in a TOML file: "0.8 kg". Raises `InputError` as `read_set` does.
+    """
+    where = Path(f"{base.name}-changed")
+    tables = {n: table for table, names in _names_by_table(declared).items() for n in names}
+    document: dict[str, object] = {"title": f"{base.title}, changed"}
+    parts: dict[str, dict[str, object]] = {}
+    for name, value in changes.items():
+        if name not in tables:
+            raise InputError(
+                f"{where}: unknown parameter {name}", remedy=suggestion(name, list(tables))
+            )
+        parts.setdefault(tables[name], {})[name] = value
+    return replace(_raw_set(document | parts, declared, base, where), name=str(where))
+
+
+def _names_by_table(declared: tuple[Parameter, ...]) -> dict[str, list[str]]:
+    """Return the names that may stand in each table of a set."""
+    by_table: dict[str, list[str]] = {table: [] for table in dict.fromkeys(TABLES.values())}
+    for parameter in declared:
+        if parameter.group in TABLES:
+            by_table[TABLES[parameter.group]].append(parameter.name)
+    by_table["gains"].append(POLES_KEY)
+    return by_table
+
+
+def _raw_set(
+    document: Mapping[str, object],
+    declared: tuple[Parameter, ...],
+    base: RawSet | None,
+    path: Path,
+) -> RawSet:
+    """Return the set in `document`, whose keys are known, over the `base` that it extends."""
     own, poles = _own_values(document, declared, path)
     places = dict(base.last_places) if base else {}
     groups = {p.name: p.group for p in declared}

@@ -60,6 +60,11 @@ def _printer(spec: ModelSpec, zeros: ZeroDynamics) -> _Names:
     return _Names(names)
 
 
+def symbol_printer(derivation: Derivation) -> LatexPrinter:
+    """Return what prints expressions of `derivation` in LaTeX, as its documents do."""
+    return _printer(derivation.spec, derivation.zero_dynamics)
+
+
 def sections(derivation: Derivation) -> tuple[Section, ...]:
     """Return the whole derivation in reading order."""
     printer = _printer(derivation.spec, derivation.zero_dynamics)

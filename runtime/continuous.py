@@ -73,7 +73,11 @@ class ContinuousLoop:
         motion = [scenario.initial[c] for c in self.channels]
         still = [0.0] * len(self.actuators)
         self.start = np.array([*motion, *still, scenario.controller["bound_initial"]])
-        self.observe(self.start)
+        self.engage(self.start)
+
+    def engage(self, y: Array, time: float = 0.0) -> None:
+        """Engage the law anew in the state `y`: beta is counted from s there."""
+        self.observe(y, time)
         for s0, s in zip(self.numbered("residual_initial"), self.numbered("s"), strict=True):
             self._state[s0] = self.output[s]
 

@@ -71,8 +71,11 @@ def scenario_of(
     set_name: str | None = None,
     *,
     start: bool = True,
+    parameters: Mapping[str, float] | None = None,
 ) -> Scenario:
     """Return the flight in `document`, which stands in `path`: see `read_scenario`.
+
+    `parameters` are flown instead of those of the set in the generated code, if they are given.
 
     Its table [twin] is left to `pfaffian.runtime.twin`. With `start` false the start may lie
     anywhere: the controller does more than balancing.
@@ -80,10 +83,11 @@ def scenario_of(
     _check_keys(document, path)
     folder = open_generated(str(generated or _text(document, "model", path)))
     set_name = set_name or _text(document, "set", path)
-    parameters = folder.parameters(set_name)
+    parameters = folder.parameters(set_name) if parameters is None else parameters
     structures = folder.manifest.structures
-    controller = parameters | _quantities(document, "controller", structures["params"], path)
-    plant = parameters | _quantities(document, "plant", structures["plant_params"], path)
+    known = dict(parameters)
+    controller = known | _quantities(document, "controller", structures["params"], path)
+    plant = known | _quantities(document, "plant", structures["plant_params"], path)
     _check_parameters(folder, parameters, document, path)
     initial = dict.fromkeys(structures["plant_state"].names(), 0.0)
     initial |= _quantities(document, "initial", structures["plant_state"], path)

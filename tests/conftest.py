@@ -18,14 +18,23 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 THOROUGH = os.environ.get("PFAFFIAN_THOROUGH") == "1"
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what only `make thorough` runs, and say what of it stays."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Skip what only `make thorough` runs, and say what of it stays.
+
+    Raises `UsageError` for a row that names no test, where whole files are collected.
+    """
     listed = tomllib.loads((Path(__file__).parent / "thorough.toml").read_text(encoding="utf-8"))
+    unmatched = {item.path.stem for item in items} & set(listed)
+    left = {(stem, name) for stem in unmatched for name in listed[stem]}
     for item in items:
         rows = listed.get(item.path.stem, {})
-        short = rows.get(item.name) or rows.get(item.name.partition("[")[0])
+        bare = item.name.partition("[")[0]
+        left -= {(item.path.stem, item.name), (item.path.stem, bare)}
+        short = rows.get(item.name) or rows.get(bare)
         if short and not THOROUGH:
             item.add_marker(pytest.mark.skip(reason=f"make thorough; here: {short}"))
+    if left and not any("::" in argument for argument in config.args):
+        raise pytest.UsageError(f"thorough.toml names tests that are not there: {sorted(left)}")
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,11 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("derive", "generated", "runtime", "templates", "cli")
+FOLDERS = ("api", "derive", "generated", "runtime", "templates", "cli")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 #: One file each of what has been lost from wheels before: code, templates, C, data.
 NEEDED = (
+    *("api/model.py", "__init__.py", "py.typed"),
     *("derive/lagrange.py", "derive/emit/c.py", "derive/models/pendubot/spec.py"),
     *("derive/models/pendubot/sim.toml", "derive/verify/__init__.py", "cli/main.py"),
     *("templates/c/controller.c.j2", "templates/python/model.py.j2", "runtime/c/pf_harness.c"),
@@ -33,6 +34,9 @@ NEEDED = (
     *("generated/pendubot/c/pendubot.c", "generated/pendubot/manifest.json"),
     *("generated/pendubot/pendubot.py", "runtime/scenarios/section-5.1-designed.toml"),
 )
+
+#: What makes `pfaffian` itself a package, and where it stands in the repository.
+FACE = {n: f".dev/pfaffian/{n}" for n in ("__init__.py", "py.typed")}
 
 
 def run(*command, cwd, **environment):
@@ -106,10 +110,11 @@ def files_below(folder):
 def test_sdist_holds_the_real_folders_and_no_links(sdist):
     assert not sdist.links
     found = files_below(sdist.path)
-    assert set(NEEDED) <= found
+    assert {FACE.get(n, n) for n in NEEDED} <= found
     assert {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "PKG-INFO"} <= found
     assert {p.split("/")[0] for p in found if "/" in p} >= set(FOLDERS)
-    assert not [p for p in found if p.startswith((".dev", ".venv")) or p.endswith(".pyc")]
+    assert not [p for p in found if p.startswith((".dev", ".venv")) and p not in FACE.values()]
+    assert not [p for p in found if p.endswith(".pyc")]
 
 
 def test_sdist_holds_every_committed_file_of_the_package(sdist):
@@ -125,7 +130,7 @@ def test_wheel_holds_every_file_of_the_sdist_under_the_package(sdist, wheel):
     with zipfile.ZipFile(wheel) as file:
         found = {n for n in file.namelist() if ".dist-info/" not in n}
     wanted = {f"pfaffian/{n}" for n in files_below(sdist.path) if n.split("/")[0] in FOLDERS}
-    assert found == wanted
+    assert found == wanted | {f"pfaffian/{n}" for n in FACE}
     assert {f"pfaffian/{n}" for n in NEEDED} <= found
 
 
@@ -150,7 +155,7 @@ def test_wheel_declares_its_command_and_its_dependencies(wheel):
 
 _WHERE = """
 import importlib, json
-names = [f"pfaffian.{n}" for n in ("derive", "generated", "runtime", "templates", "cli")]
+names = [f"pfaffian.{n}" for n in ("api", "derive", "generated", "runtime", "templates", "cli")]
 print(json.dumps({n: importlib.import_module(n).__file__ for n in names}))
 """
 
@@ -163,8 +168,8 @@ def test_every_package_is_imported_from_the_wheel(fresh):
 
 _EVERY = """
 import importlib, pkgutil, sys
-import pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated
-for package in (pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated):
+import pfaffian.api, pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated
+for package in (pfaffian.api, pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated):
     for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         importlib.import_module(found.name)
 print(*(n for n in sys.modules if n.startswith("pfaffian.")))
@@ -193,6 +198,41 @@ def test_installed_command_flies_a_scenario_and_lists_models(fresh):
     assert wanted | {"trajectory_sha256"} <= set(flight)
     assert flight["steps"] > 1000
     assert "pendubot" in pfaffian(fresh, "models", "--json")
+
+
+CLIENT = """import pfaffian as pf
+
+version: str = pf.__version__
+names: list[str] = [row.name for row in pf.models()]
+model: pf.Model = pf.load("pendubot")
+p = model.parameters("sim-designed", m2="0.8 kg")
+mass: float = p["m2"]
+gains: dict[str, float] = dict(model.design(poles=[-6, -6, -6]).gains)
+flight = model.simulate("section-5.1-designed", duration="0.1 s")
+periods: int = len(flight)
+iae: float = flight.metrics["iae_q1"]
+torque = model.controller(p).step(q1=1.0, q2=0.5, dq1=0.0, dq2=0.0)
+try:
+    pf.load("pendulum-of-nobody")
+except pf.InputError as error:
+    remedy: str = error.remedy
+print(version, len(names), mass, periods, remedy)
+"""
+
+
+def test_installed_package_is_typed_and_its_client_runs(fresh):
+    client = fresh.empty / "client.py"
+    client.write_text(CLIENT)
+    words = ("-m", "mypy", "--strict", "--cache-dir", fresh.cache / "mypy", "client.py")
+    run(fresh.python, *words, cwd=fresh.empty)
+    said = run(fresh.python, "client.py", cwd=fresh.empty, PFAFFIAN_CACHE=str(fresh.cache))
+    assert said.split()[:4] == [PROJECT["project"]["version"], "10", "0.8", "100"]
+    wrong = CLIENT.replace("pf.load(", "pf.lod(")
+    client.write_text(wrong)
+    command = [str(w) for w in (fresh.python, *words)]
+    judged = subprocess.run(command, cwd=fresh.empty, capture_output=True, text=True, check=False)
+    assert judged.returncode == 1
+    assert 'Module has no attribute "lod"' in judged.stdout
 
 
 def python_files():

@@ -238,11 +238,11 @@ def test_what_is_folded_into_the_code_is_drawn_with_its_one_value(source):
 
 
 def test_a_set_folded_into_the_code_refuses_to_be_drawn_around_another():
-    from pfaffian.cli.check import _baked_set
+    from pfaffian.api.checking import baked_set
 
     manifest = SimpleNamespace(baked="rig", parameter_sets={"rig": {"a": 1.0}})
     code = SimpleNamespace(path="here", manifest=manifest)
-    assert _baked_set(code, ()) == {"a": 1.0}
-    assert _baked_set(code, ("rig",)) == {"a": 1.0}
+    assert baked_set(code, ()) == {"a": 1.0}
+    assert baked_set(code, ("rig",)) == {"a": 1.0}
     with pytest.raises(InputError, match="set rig is folded"):
-        _baked_set(code, ("rig", "sim"))
+        baked_set(code, ("rig", "sim"))

@@ -31,7 +31,17 @@ from catalogue import AREAS, ROOT, Fault, plant, problem, read_faults, tree_dige
 #: What is copied: all that the tests read.
 PARTS = (
     *(".ci", ".dev", "Makefile", "README.md", "CHANGELOG.md", "LICENSE", "pyproject.toml"),
-    *("requirements.lock", "cli", "derive", "docs", "generated", "runtime", "templates", "tests"),
+    *(
+        "requirements.lock",
+        "api",
+        "cli",
+        "derive",
+        "docs",
+        "generated",
+        "runtime",
+        "templates",
+        "tests",
+    ),
     *("paper", "benchmarks"),
 )
 _LEFT_OUT = ("__pycache__", "*.pyc", ".hypothesis", ".pytest_cache", "*.o")
