@@ -5,7 +5,7 @@ The command line calls the same functions; nothing else imports this package.
 
 from pfaffian.api.listing import ModelRow, ModelTable, models
 from pfaffian.api.model import Model, load
-from pfaffian.runtime.errors import CheckError, InputError, MissingToolError, PfaffianError
+from pfaffian.runtime.base.errors import CheckError, InputError, MissingToolError, PfaffianError
 
 __all__ = [
     "CheckError",

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.api.display import SILENT, Teller, html_table
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.base.errors import CheckError, InputError
 
 if TYPE_CHECKING:
     from pfaffian.derive.certificate.certify import Certificate as Certified
     from pfaffian.derive.certificate.certify import Claim
-    from pfaffian.derive.derivation import Derivation
+    from pfaffian.derive.derivation.derive import Derivation
     from pfaffian.derive.verify.compare import Subject
-    from pfaffian.runtime.generated_model import GeneratedFolder
-    from pfaffian.runtime.scenario import Scenario
+    from pfaffian.runtime.code.generated_model import GeneratedFolder
+    from pfaffian.runtime.flight.scenario import Scenario
 
 _TARGET_SAMPLES = 20_000
 
@@ -64,7 +64,7 @@ class Build:
 
     def save(self, path: str | Path) -> Path:
         """Write the image; return the path."""
-        from pfaffian.runtime.files import write_outputs
+        from pfaffian.runtime.base.files import write_outputs
 
         write_outputs({Path(path): self.image})
         return Path(path)
@@ -105,8 +105,8 @@ def certified(
     """
     from pfaffian.derive.certificate.certify import certify
     from pfaffian.derive.certificate.region import parse_point, parse_region
-    from pfaffian.runtime.continuous import fly_continuous
-    from pfaffian.runtime.generated_model import host_model
+    from pfaffian.runtime.code.generated_model import host_model
+    from pfaffian.runtime.flight.continuous import fly_continuous
 
     if initial:
         scenario = replace(scenario, initial=parse_point(initial, scenario.initial))
@@ -145,7 +145,7 @@ def verified(model: str, document: Mapping[str, Any]) -> Verification:
 
 def build(code: GeneratedFolder, target: str, toolchain: str = "auto") -> Build:
     """Compile the controller in `code` for a target, and measure what it costs there."""
-    from pfaffian.runtime.firmware import build_controller
+    from pfaffian.runtime.code.firmware import build_controller
 
     image, report = build_controller(code, target, toolchain)
     return Build(
@@ -172,12 +172,12 @@ def verification(
     Half of the samples are drawn around the sets of `set_names`, or all complete ones of the model;
     around the one that is folded into the code where that is so.
     """
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import complete_sets, derivation_of, lowered_model
+    from pfaffian.derive.spec.library import find_model
     from pfaffian.derive.verify.compare import FOLLOWING, FUNCTIONS, verify
-    from pfaffian.derive.verify.unit import SINGLE_UNIT, UNITS
-    from pfaffian.runtime.generated_model import open_generated, ppc750_model
-    from pfaffian.runtime.subjects import MachineSubject
+    from pfaffian.derive.verify.subjects import CompiledUnderTest
+    from pfaffian.derive.verify.ulp_unit import SINGLE_UNIT, UNITS
+    from pfaffian.runtime.code.generated_model import open_generated, ppc750_model
 
     source = find_model(reference)
     tell.note(f"deriving {source.name}, building the host and PowerPC images")
@@ -195,7 +195,7 @@ def verification(
     sets = [s.as_dict() for s in found_sets.sets] if found_sets else [dict(baked or {})]
     unit = UNITS[code.manifest.precision]
     subjects, witness = _subjects(code, unit is SINGLE_UNIT)
-    target = MachineSubject(ppc750_model(code), "c-ppc750")
+    target = CompiledUnderTest(ppc750_model(code), "c-ppc750")
     wanted = min(samples, _TARGET_SAMPLES if target_samples is None else target_samples)
     with tell.progress(f"verifying on {samples} samples") as update:
         found = verify(
@@ -221,13 +221,13 @@ def verification(
 
 def _subjects(code: GeneratedFolder, single: bool) -> tuple[list[Subject], Subject | None]:
     """Return what is compared on this machine, and in single what rounds as the emulator does."""
-    from pfaffian.runtime.generated_model import host_model, twice_rounding_model
-    from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+    from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+    from pfaffian.runtime.code.generated_model import host_model, twice_rounding_model
 
-    host = MachineSubject(host_model(code), "c-host")
+    host = CompiledUnderTest(host_model(code), "c-host")
     if single:
-        return [host], MachineSubject(twice_rounding_model(code), "c-host-rounding-twice")
-    return [PythonSubject(code), host], None  # the module is of double in any folder
+        return [host], CompiledUnderTest(twice_rounding_model(code), "c-host-rounding-twice")
+    return [PythonUnderTest(code), host], None  # the module is of double in any folder
 
 
 def baked_set(code: GeneratedFolder, set_names: Sequence[str]) -> Mapping[str, float] | None:

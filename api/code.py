@@ -13,9 +13,9 @@ from pfaffian.api.display import Note, keywords, silent
 
 if TYPE_CHECKING:
     from pfaffian.derive.generate_model import Extras, Sets
-    from pfaffian.derive.library import ModelFolder
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.runtime.generated_model import GeneratedFolder
+    from pfaffian.derive.ir.lowered import LoweredModel
+    from pfaffian.derive.spec.library import ModelFolder
+    from pfaffian.runtime.code.generated_model import GeneratedFolder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ def current_code(source: ModelFolder, model: LoweredModel, owner: object) -> Gen
     A fresh one is in a folder of temporary files, which goes when `owner` does.
     """
     from pfaffian.derive.generate_model import Sets
-    from pfaffian.runtime.generated_model import generated_models, open_generated
+    from pfaffian.runtime.code.generated_model import generated_models, open_generated
 
     if source.name in generated_models():
         known = open_generated(source.name)
@@ -79,7 +79,7 @@ def fresh_code(
     source: ModelFolder, owner: object, wanted: Sets, extras: Extras | None = None
 ) -> GeneratedFolder:
     """Return code of `source` in a folder of temporary files, which goes when `owner` does."""
-    from pfaffian.runtime.generated_model import open_generated
+    from pfaffian.runtime.code.generated_model import open_generated
 
     scratch = Path(tempfile.mkdtemp(prefix="pfaffian-"))
     weakref.finalize(owner, shutil.rmtree, scratch, ignore_errors=True)
@@ -88,6 +88,6 @@ def fresh_code(
 
 
 def _belongs(source: ModelFolder) -> bool:
-    from pfaffian.derive.library import library_models
+    from pfaffian.derive.spec.library import library_models
 
     return source in library_models().values()

@@ -12,12 +12,12 @@ from pfaffian.api.display import html_table, keywords
 if TYPE_CHECKING:
     import numpy as np
     from pfaffian.api.parameters import Parameters
-    from pfaffian.derive.derivation import Derivation
+    from pfaffian.derive.derivation.derive import Derivation
     from pfaffian.derive.design.study import Study, Wishes
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.derive.parameters import RawSet
+    from pfaffian.derive.ir.lowered import LoweredModel
     from pfaffian.derive.plan.planner import Plan
     from pfaffian.derive.plan.wishes import Wishes as PlanWishes
+    from pfaffian.derive.sets.raw_set import RawSet
 
     Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -102,7 +102,7 @@ class MotionPlan:
     def save(self, path: str | Path) -> Path:
         """Write the plan as JSON, which `generate(plan=...)` takes; return the path."""
         from pfaffian.derive.plan.document import plan_text
-        from pfaffian.runtime.files import write_outputs
+        from pfaffian.runtime.base.files import write_outputs
 
         write_outputs({Path(path): plan_text(self._plan).encode()})
         return Path(path)

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from typing import Protocol
 
-from pfaffian.runtime.errors import PfaffianError
+from pfaffian.runtime.base.errors import PfaffianError
 
 #: Told of what is going on: a line of text.
 Note = Callable[[str], None]

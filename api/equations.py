@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import sympy as sp
-    from pfaffian.derive.derivation import Derivation
+    from pfaffian.derive.derivation.derive import Derivation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Equations:
 
         It is worked out when it is asked for: written out it is long for larger plants.
         """
-        from pfaffian.derive.spec import Matrix
+        from pfaffian.derive.spec.model_spec import Matrix
 
         bias = self._derivation.dynamics.coriolis_force + self.G
         rows = self.A * self.M.adjugate()  # A D det M: no inverse is expanded twice
@@ -50,13 +50,13 @@ class Equations:
 
     def text(self) -> str:
         """Return the whole derivation as text, as `pfaffian derive` prints it."""
-        from pfaffian.derive.render import derivation_text
+        from pfaffian.derive.derivation.documents import derivation_text
 
         return derivation_text(self._derivation)
 
     def latex(self) -> str:
         """Return the whole derivation as LaTeX, as `pfaffian derive --format latex` prints it."""
-        from pfaffian.derive.render import derivation_latex
+        from pfaffian.derive.derivation.documents import derivation_latex
 
         return derivation_latex(self._derivation)
 
@@ -68,7 +68,7 @@ class Equations:
         return f"<equations of {self.model}: {shape}, {proved}>"
 
     def _repr_latex_(self) -> str:
-        from pfaffian.derive.render import symbol_printer
+        from pfaffian.derive.derivation.documents import symbol_printer
 
         shown = symbol_printer(self._derivation).doprint
         lines = [f"{n} &= {shown(getattr(self, n))}" for n in ("M", "C", "G", "B", "A", "b")]

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfaffian.api.display import SILENT, Teller, html_table
-from pfaffian.runtime.errors import InputError, MissingToolError
+from pfaffian.runtime.base.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
     import numpy as np
-    from pfaffian.runtime.flight import Trajectory as Recorded
-    from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel
-    from pfaffian.runtime.scenario import Scenario
+    from pfaffian.runtime.code.generated_model import GeneratedFolder, GeneratedModel
+    from pfaffian.runtime.flight.closed_loop import Trajectory as Recorded
+    from pfaffian.runtime.flight.scenario import Scenario
     from pfaffian.runtime.twin.recording import Flight, Wanted
     from pfaffian.runtime.twin.settings import TwinScenario
 
@@ -96,7 +96,7 @@ class Trajectory:
 
     def to_csv(self, path: str | Path) -> Path:
         """Write time and signals as CSV, each number with all its digits; return the path."""
-        from pfaffian.runtime.files import write_outputs
+        from pfaffian.runtime.base.files import write_outputs
 
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -142,7 +142,7 @@ class Trajectory:
 
 def trajectory_of(flown: Recorded) -> Trajectory:
     """Return a flight as the public face shows it."""
-    from pfaffian.runtime.metrics import status_counts, tracking_metrics
+    from pfaffian.runtime.flight.metrics import status_counts, tracking_metrics
 
     manifest = flown.scenario.folder.manifest
     signals = {
@@ -180,8 +180,8 @@ def changed_scenario(
     `parameters` are the name and values of a set to fly instead of its own. Raises `InputError`
     as for a scenario's file, and for one that flies on the twin.
     """
-    from pfaffian.runtime.documents import read_toml
-    from pfaffian.runtime.scenario import scenario_of
+    from pfaffian.runtime.base.toml import read_toml
+    from pfaffian.runtime.flight.scenario import scenario_of
 
     document = dict(read_toml(path))
     if "twin" in document:
@@ -206,8 +206,8 @@ def is_of_flight(name: str, code: GeneratedFolder) -> bool:
 
 def fly_host(scenario: Scenario, tell: Teller = SILENT) -> tuple[Recorded, dict[str, Any]]:
     """Fly on this machine; return the trajectory and its document."""
-    from pfaffian.runtime.flight import fly
-    from pfaffian.runtime.generated_model import host_model
+    from pfaffian.runtime.code.generated_model import host_model
+    from pfaffian.runtime.flight.closed_loop import fly
 
     host = host_model(scenario.folder)
     with tell.progress(f"flying {scenario.name} on the host") as update:
@@ -223,8 +223,8 @@ def fly_both(
     Where bits of a flight in single differ, a build that rounds as the emulator does may have the
     target's: they are then counted as the emulator's.
     """
-    from pfaffian.runtime.flight import differing_bits, fly
-    from pfaffian.runtime.generated_model import host_model, twice_rounding_model
+    from pfaffian.runtime.code.generated_model import host_model, twice_rounding_model
+    from pfaffian.runtime.flight.closed_loop import differing_bits, fly
 
     where = where or Emulated()
     host = host_model(scenario.folder)
@@ -248,10 +248,10 @@ def _fly_there(
 
     With unicorn the plant stays on this machine; the others fly it on the target too.
     """
-    from pfaffian.runtime.flight import fly
-    from pfaffian.runtime.flight_program import bare_document, fly_bare, fly_qemu_user
-    from pfaffian.runtime.generated_model import emulated_model
-    from pfaffian.runtime.toolchain import find_target
+    from pfaffian.runtime.code.generated_model import emulated_model
+    from pfaffian.runtime.flight.closed_loop import fly
+    from pfaffian.runtime.flight.flight_program import bare_document, fly_bare, fly_qemu_user
+    from pfaffian.runtime.machine.toolchain import find_target
 
     text = f"flying {scenario.name} on the emulated {where.target}, {where.emulator}"
     if where.emulator == "unicorn":
@@ -273,7 +273,7 @@ def _fly_there(
 
 def flight_document(trajectory: Recorded) -> dict[str, Any]:
     """Return the document of one flight."""
-    from pfaffian.runtime.metrics import status_counts, tracking_metrics
+    from pfaffian.runtime.flight.metrics import status_counts, tracking_metrics
 
     return {
         "scenario": trajectory.scenario.name,
@@ -290,7 +290,7 @@ def twin_document(
     reference: str, mode: str, set_name: str | None, generated: Path | None, tell: Teller = SILENT
 ) -> dict[str, Any]:
     """Fly a scenario with a [twin] table; on an emulator also on the host, and compare."""
-    from pfaffian.runtime.twin.read import read_twin
+    from pfaffian.runtime.twin.files.read import read_twin
     from pfaffian.runtime.twin.recording import Wanted
     from pfaffian.runtime.twin.rig import plant_model
 
@@ -306,7 +306,7 @@ def whole_flight(
 ) -> tuple[Flight, dict[str, Any]]:
     """Fly a scenario of one rig on the emulated 750 and on the host; return the latter with both
     flights' document."""
-    from pfaffian.runtime.twin.read import read_twin
+    from pfaffian.runtime.twin.files.read import read_twin
     from pfaffian.runtime.twin.recording import Wanted
     from pfaffian.runtime.twin.rig import plant_model
 
@@ -331,8 +331,8 @@ def _compared_twins(
 def _fly_twin(
     scenario: TwinScenario, model: GeneratedModel, machine: str, wanted: Wanted, tell: Teller
 ) -> Flight:
-    from pfaffian.runtime.twin.controllers import CONTROLLERS
     from pfaffian.runtime.twin.flight import fly_twin
+    from pfaffian.runtime.twin.units.registry import CONTROLLERS
 
     place = "the host" if machine == "host" else "the emulated PowerPC 750GX"
     unit = CONTROLLERS[scenario.controller](scenario, model, machine)

@@ -46,8 +46,8 @@ class ModelTable:
 
 def models() -> ModelTable:
     """Return the models of the library with their parameter sets and scenarios."""
-    from pfaffian.derive.library import library_models
-    from pfaffian.runtime.scenario_files import scenarios_of
+    from pfaffian.derive.spec.library import library_models
+    from pfaffian.runtime.flight.scenario_files import scenarios_of
 
     return ModelTable(
         tuple(

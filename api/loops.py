@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from pfaffian.runtime.errors import InputError, MissingToolError
+from pfaffian.runtime.base.errors import InputError, MissingToolError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike
     from pfaffian.api.parameters import Parameters
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.runtime.generated_model import GeneratedFolder
+    from pfaffian.derive.ir.lowered import LoweredModel
+    from pfaffian.runtime.code.generated_model import GeneratedFolder
 
     Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -72,7 +72,7 @@ class LinearSystem:
 def linear_system(model: LoweredModel, parameters: Parameters) -> LinearSystem:
     """Linearise the plant of `parameters`: M x2' + D x2 + K x1 = B u at the setpoint."""
     import numpy as np
-    from pfaffian.derive.program import evaluate
+    from pfaffian.derive.ir.evaluate import evaluate
 
     found = evaluate(model.program("linearisation"), dict(parameters))
     n, m = len(model.coordinates), len(model.actuators)
@@ -101,9 +101,9 @@ class ClosedLoop:
         self, code: GeneratedFolder, parameters: Parameters, plant: Mapping[str, float]
     ) -> None:
         """Close the loop; `plant` has what the plant differs in, or has besides, in SI units."""
-        from pfaffian.runtime.continuous import ContinuousLoop
-        from pfaffian.runtime.generated_model import host_model
-        from pfaffian.runtime.scenario import Scenario
+        from pfaffian.runtime.code.generated_model import host_model
+        from pfaffian.runtime.flight.continuous import ContinuousLoop
+        from pfaffian.runtime.flight.scenario import Scenario
 
         structures = code.manifest.structures
         names = {r: structures[r].names() for r in ("params", "plant_params", "plant_state")}
@@ -188,7 +188,7 @@ class Batch:
 
     def __init__(self, code: GeneratedFolder, parameters: Parameters) -> None:
         """Start controllers with `parameters`; how many there are the first step says."""
-        from pfaffian.runtime.compiled import compiled_model
+        from pfaffian.runtime.code.compiled import compiled_model
 
         self._model = compiled_model(code.path)
         names = code.manifest.structures["params"].names()

@@ -13,7 +13,7 @@ from pfaffian.api.display import SILENT, Teller
 from pfaffian.api.flights import fly_both, whole_flight
 
 if TYPE_CHECKING:
-    from pfaffian.runtime.report import ReportData
+    from pfaffian.runtime.report.page import ReportData
 
 #: The model whose complete flight is drawn in the report.
 _FILMED = "pendubot"
@@ -38,7 +38,7 @@ class Report:
 
     def save(self, path: str | Path) -> Path:
         """Write the page; return its path."""
-        from pfaffian.runtime.files import write_outputs
+        from pfaffian.runtime.base.files import write_outputs
 
         write_outputs({Path(path): self.html.encode()})
         return Path(path)
@@ -62,11 +62,11 @@ class Job:
         self, generated: Path, tell: Teller = SILENT
     ) -> tuple[ReportData, list[dict[str, Any]]]:
         """Verify, build and fly the code in `generated`; return the report's data and flights."""
-        from pfaffian.runtime.firmware import build_controller
-        from pfaffian.runtime.generated_model import open_generated
-        from pfaffian.runtime.report import ReportData, WholeFlight
-        from pfaffian.runtime.reproduce.animation import animated_flight
-        from pfaffian.runtime.scenario import read_scenario
+        from pfaffian.runtime.code.firmware import build_controller
+        from pfaffian.runtime.code.generated_model import open_generated
+        from pfaffian.runtime.flight.scenario import read_scenario
+        from pfaffian.runtime.report.animation import animated_flight
+        from pfaffian.runtime.report.page import ReportData, WholeFlight
 
         code = open_generated(str(generated))
         scenarios = [read_scenario(name, generated, self.set_name) for name in self.scenarios]
@@ -92,8 +92,8 @@ class Job:
 
 def check_tools() -> None:
     """Raise `MissingToolError` for a compiler or emulator that the job would miss at its end."""
-    from pfaffian.runtime.machine import emulator
-    from pfaffian.runtime.toolchain import host_target, ppc750_target
+    from pfaffian.runtime.machine.emulator import emulator
+    from pfaffian.runtime.machine.toolchain import host_target, ppc750_target
 
     host_target()
     ppc750_target()
@@ -123,7 +123,7 @@ def job_failure(document: dict[str, Any]) -> str:
 
 def report_of(job: Job, generated: Path) -> Report:
     """Do `job` on the code in `generated` and return its report."""
-    from pfaffian.runtime.report import render_report
+    from pfaffian.runtime.report.page import render_report
 
     data, flights = job.done(generated)
     failure = job_failure(job_document(data, flights, generated))

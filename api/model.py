@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from pfaffian.api.loops import Batch, ClosedLoop, Controller, LinearSystem
     from pfaffian.api.main_job import Report
     from pfaffian.api.parameters import Parameters
-    from pfaffian.derive.library import ModelFolder
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.runtime.generated_model import GeneratedFolder
-    from pfaffian.runtime.scenario import Scenario
+    from pfaffian.derive.ir.lowered import LoweredModel
+    from pfaffian.derive.spec.library import ModelFolder
+    from pfaffian.runtime.code.generated_model import GeneratedFolder
+    from pfaffian.runtime.flight.scenario import Scenario
 
 Quantities = Mapping[str, Any]
 
@@ -32,7 +32,7 @@ def load(reference: str | Path) -> Model:
 
     Raises `InputError` naming the known models where there is neither.
     """
-    from pfaffian.derive.library import find_model
+    from pfaffian.derive.spec.library import find_model
 
     return Model(find_model(str(reference)))
 
@@ -106,7 +106,7 @@ class Model:
 
     def controller(self, p: Parameters | str | Path | None = None) -> Controller:
         """Return a controller that is stepped a period at a time, compiled where a compiler is."""
-        from pfaffian.runtime.compiled import compiled_model
+        from pfaffian.runtime.code.compiled import compiled_model
 
         parameters = self._taken(p)
         model = compiled_model(self._code.path)
@@ -279,7 +279,7 @@ class Model:
         from pfaffian.api.checking import certificate_of, certified
         from pfaffian.api.display import keywords
         from pfaffian.derive.pipeline import derivation_of
-        from pfaffian.runtime.scenario_files import report_scenarios
+        from pfaffian.runtime.flight.scenario_files import report_scenarios
 
         name = scenario or report_scenarios(self.name, self._folder.scenarios())[0]
         flown = self._scenario(self._scenario_path(str(name)), p, changes, {})
@@ -302,7 +302,7 @@ class Model:
         from pfaffian.api.code import fresh_code
         from pfaffian.api.main_job import Job, check_tools, report_of
         from pfaffian.derive.generate_model import Sets
-        from pfaffian.runtime.scenario_files import report_scenarios, report_twin
+        from pfaffian.runtime.flight.scenario_files import report_scenarios, report_twin
 
         own = self._folder.scenarios()
         twin = None
@@ -322,7 +322,7 @@ class Model:
     @property
     def _reference(self) -> str:
         """Return what `find_model` takes to find this model again."""
-        from pfaffian.derive.library import library_models
+        from pfaffian.derive.spec.library import library_models
 
         own = self._folder == library_models().get(self.name)
         return self.name if own else str(self._folder.path)
@@ -354,7 +354,7 @@ class Model:
         return p._raw if isinstance(p, Parameters) else raw_set(self._lowered, self._folder, p, {})
 
     def _scenario_paths(self) -> dict[str, Path]:
-        from pfaffian.runtime.scenario_files import find_scenario, scenarios_of
+        from pfaffian.runtime.flight.scenario_files import find_scenario, scenarios_of
 
         documents = scenarios_of(self.name, self._folder.scenarios())
         return {
@@ -363,9 +363,9 @@ class Model:
 
     def _scenario_path(self, scenario: str) -> Path:
         """Return the file of a scenario: one of the model's own by name, or any as a path."""
-        from pfaffian.runtime.documents import read_toml, suggestion
-        from pfaffian.runtime.errors import InputError
-        from pfaffian.runtime.scenario_files import find_scenario
+        from pfaffian.runtime.base.errors import InputError
+        from pfaffian.runtime.base.toml import read_toml, suggestion
+        from pfaffian.runtime.flight.scenario_files import find_scenario
 
         own = self._folder.scenarios()
         path = own[scenario] if scenario in own else find_scenario(scenario)
@@ -387,7 +387,7 @@ class Model:
     ) -> Scenario:
         """Return the scenario in `path` with the set `p`, where one is given, and `changes`."""
         from pfaffian.api.flights import changed_scenario, is_of_flight
-        from pfaffian.runtime.documents import read_toml
+        from pfaffian.runtime.base.toml import read_toml
 
         of_flight = {n: v for n, v in changes.items() if is_of_flight(n, self._code)}
         of_set = {n: v for n, v in changes.items() if n not in of_flight}

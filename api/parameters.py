@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pfaffian.api.display import html_table
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 if TYPE_CHECKING:
-    from pfaffian.derive.library import ModelFolder
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.derive.parameter_set import ParameterSet
-    from pfaffian.derive.parameters import RawSet
+    from pfaffian.derive.ir.lowered import LoweredModel
+    from pfaffian.derive.sets.parameter_set import ParameterSet
+    from pfaffian.derive.sets.raw_set import RawSet
+    from pfaffian.derive.spec.library import ModelFolder
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ def read_parameters(
 
     Raises `InputError` for what is not known, or judged to be no working design.
     """
-    from pfaffian.derive.parameter_set import resolve_set
+    from pfaffian.derive.sets.parameter_set import resolve_set
 
     raw = raw_set(model, folder, chosen, changes)
     return wrapped(model, resolve_set(model, raw), raw)
@@ -78,7 +78,7 @@ def raw_set(
     changes: Mapping[str, object],
 ) -> RawSet:
     """Return a set as it stands in its file, with `changes`, neither completed nor judged."""
-    from pfaffian.derive.parameters import changed_set, read_set
+    from pfaffian.derive.sets.raw_set import changed_set, read_set
 
     raw = read_set(_path(folder, chosen), model.parameters, folder.sets())
     return changed_set(raw, changes, model.parameters) if changes else raw
@@ -120,8 +120,8 @@ def changed_parameters(
     model: LoweredModel, parameters: Parameters, changes: Mapping[str, object]
 ) -> Parameters:
     """Return `parameters` of this model with `changes`, completed and judged anew."""
-    from pfaffian.derive.parameter_set import resolve_set
-    from pfaffian.derive.parameters import changed_set
+    from pfaffian.derive.sets.parameter_set import resolve_set
+    from pfaffian.derive.sets.raw_set import changed_set
 
     if parameters.model != model.name:
         raise InputError(

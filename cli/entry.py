@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
 _TOLD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if hasattr(os, "fork") else ()
-#: As in `pfaffian.runtime.files`, which takes too long to import.
+#: As in `pfaffian.runtime.base.files`, which takes too long to import.
 _RUN_FOLDER, _JOURNAL, _TEMPORARY, _MADE, _COMMITTED = "PFAFFIAN_RUN", "journal", b"t", b"d", b"c"
 #: How long a command may take, in seconds, to put its files in place and to end after that.
 _PATIENCE = 1.0

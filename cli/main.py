@@ -9,13 +9,9 @@ from typing import Annotated, NoReturn
 
 import typer
 from pfaffian.cli import output
-from pfaffian.cli.bench_commands import bench_app
+from pfaffian.cli.bench.commands import bench_app
 from pfaffian.cli.options import MOST_SAMPLES, FlightSet, Generated, Json, Model, Params, SetName
-from pfaffian.runtime.errors import (
-    EXIT_INTERRUPTED,
-    InputError,
-    PfaffianError,
-)
+from pfaffian.runtime.base.errors import EXIT_INTERRUPTED, InputError, PfaffianError
 
 app = typer.Typer(
     name="pfaffian",
@@ -47,7 +43,7 @@ def options(
 @app.command()
 def models(json: Json = False) -> None:
     """List models, parameter sets and scenarios."""
-    from pfaffian.cli.describe import list_models
+    from pfaffian.cli.model.models import list_models
 
     list_models(json)
 
@@ -60,7 +56,7 @@ def derive(
     json: Json = False,
 ) -> None:
     """Show the equations, ADB, the control law, zero dynamics and the identities proved."""
-    from pfaffian.cli.describe import show_derivation
+    from pfaffian.cli.model.derive import show_derivation
 
     show_derivation(model, set_name, form, json)
 
@@ -72,7 +68,7 @@ def audit(
     json: Json = False,
 ) -> None:
     """Check every numbered equation of the source: proved, repaired, differs or not checkable."""
-    from pfaffian.cli.audit import show_audit
+    from pfaffian.cli.paper.audit import show_audit
 
     show_audit(model, form, json)
 
@@ -107,7 +103,7 @@ def design(
     json: Json = False,
 ) -> None:
     """Choose gains by poles or weights, and show what they amount to: margins, trade-offs."""
-    from pfaffian.cli.design import DesignFiles, design_gains
+    from pfaffian.cli.model.design import DesignFiles, design_gains
     from pfaffian.derive.design.study import Wishes
 
     wishes = Wishes(poles, riccati, friction, box, delay, curve or plot is not None)
@@ -127,7 +123,7 @@ def template(
     json: Json = False,
 ) -> None:
     """Print a parameter set to fill in: every key with its unit, its bounds and its meaning."""
-    from pfaffian.cli.template import TemplateFiles, show_template
+    from pfaffian.cli.model.template import TemplateFiles, show_template
 
     show_template(model, TemplateFiles(set_name, params, written, force), json)
 
@@ -169,7 +165,7 @@ def plan(
     json: Json = False,
 ) -> None:
     """Plan a motion from rest to the setpoint, such as a swing-up, and fly it."""
-    from pfaffian.cli.plan import PlanFiles, plan_motion
+    from pfaffian.cli.model.plan import PlanFiles, plan_motion
     from pfaffian.derive.plan.wishes import Wishes
 
     wishes = Wishes(
@@ -205,7 +201,8 @@ def generate(
     json: Json = False,
 ) -> None:
     """Write C, Python, the readable derivation and a manifest, all or nothing."""
-    from pfaffian.cli.make import Extras, generate_files
+    from pfaffian.cli.code.generate import generate_files
+    from pfaffian.derive.generate_model import Extras
 
     extras = Extras(bake, jacobians, batch, precision, plan)
     generate_files(model, set_name, params, folder, check, extras, json)
@@ -231,7 +228,7 @@ def verify(
     json: Json = False,
 ) -> None:
     """Check generated Python, host C and PowerPC C against the symbolic source at 60 digits."""
-    from pfaffian.cli.check import verify_generated
+    from pfaffian.cli.code.verify import verify_generated
 
     verify_generated(model, samples, target_samples, generated, json, tuple(set_names or ()))
 
@@ -250,7 +247,7 @@ def build(
     json: Json = False,
 ) -> None:
     """Compile the controller for a target; report its size, stack and instructions."""
-    from pfaffian.cli.make import build_image
+    from pfaffian.cli.code.build import build_image
 
     build_image(model, target, toolchain, folder, generated, json)
 
@@ -258,7 +255,7 @@ def build(
 @app.command()
 def targets(json: Json = False) -> None:
     """List the targets that firmware is built for, and their compilers."""
-    from pfaffian.cli.make import list_targets
+    from pfaffian.cli.code.targets import list_targets
 
     list_targets(json)
 
@@ -271,7 +268,7 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Fly a scenario with the controller on this machine."""
-    from pfaffian.cli.flights import fly_scenario
+    from pfaffian.cli.flight.simulate import fly_scenario
 
     fly_scenario(scenario, None, set_name, generated, json)
 
@@ -291,7 +288,8 @@ def pil(
     json: Json = False,
 ) -> None:
     """Fly a scenario with the controller on an emulated target, and compare the bits."""
-    from pfaffian.cli.flights import Emulated, fly_scenario
+    from pfaffian.api.flights import Emulated
+    from pfaffian.cli.flight.simulate import fly_scenario
 
     fly_scenario(scenario, Emulated(emulator, target, budget), set_name, generated, json)
 
@@ -315,7 +313,7 @@ def certify(
     json: Json = False,
 ) -> None:
     """Put Theorem 1 into numbers over a region, beside a flight of the continuous law."""
-    from pfaffian.cli.certificate import certify_design
+    from pfaffian.cli.model.certify import certify_design
 
     certify_design(model, scenario, set_name, params, region, initial, generated, json)
 
@@ -335,7 +333,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Derive, generate, verify, build for PowerPC, fly it in the loop and write the report."""
-    from pfaffian.cli.main_job import run_main_job
+    from pfaffian.cli.flight.run import run_main_job
 
     run_main_job(model, folder, samples, generated, json)
 
@@ -351,7 +349,7 @@ def campaign(
     json: Json = False,
 ) -> None:
     """Fly many rigs of many variants of a scenario on the twin; a row of figures a case."""
-    from pfaffian.cli.campaign import fly
+    from pfaffian.cli.flight.campaign import fly
 
     fly(spec, generated, jobs, written, json)
 
@@ -367,7 +365,7 @@ def reproduce(
     json: Json = False,
 ) -> None:
     """Make the paper's figures and tables as measured here, and judge its claims."""
-    from pfaffian.cli.reproduce import reproduce as run_reproduction
+    from pfaffian.cli.paper.reproduce import reproduce as run_reproduction
 
     run_reproduction(what, folder, json)
 

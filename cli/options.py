@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 #: More would not end, or not fit into memory.
 MOST_SAMPLES = 10_000_000

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO, cast
 
 from pfaffian.cli.sheet import print_table
-from pfaffian.runtime.errors import EXIT_BROKEN_PIPE, CheckError, InputError, PfaffianError
+from pfaffian.runtime.base.errors import EXIT_BROKEN_PIPE, CheckError, InputError, PfaffianError
 from rich.console import Console
 from rich.text import Text
 

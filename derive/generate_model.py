@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 if TYPE_CHECKING:
     from pfaffian.derive.generation import Generation
-    from pfaffian.derive.library import ModelFolder
-    from pfaffian.derive.lowered import LoweredModel
-    from pfaffian.derive.parameter_set import ParameterSet
+    from pfaffian.derive.ir.lowered import LoweredModel
     from pfaffian.derive.pipeline import StageClock
+    from pfaffian.derive.sets.parameter_set import ParameterSet
+    from pfaffian.derive.spec.library import ModelFolder
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def generate_model(
     `reference` is what the user calls the model, in notes. Raises `InputError` for a set that is
     at fault, and where there is none.
     """
-    from pfaffian.derive.emit.emitter import Emission
+    from pfaffian.derive.emit.emission import Emission
     from pfaffian.derive.emit.precision import DOUBLE, precision_named
     from pfaffian.derive.generation import generate
     from pfaffian.derive.pipeline import (

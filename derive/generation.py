@@ -6,17 +6,27 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pfaffian.derive.emit.batch import emit_batch
-from pfaffian.derive.emit.build_files import emit_build_files
-from pfaffian.derive.emit.c import emit_c
-from pfaffian.derive.emit.control import control_constants, control_structures, emit_control
-from pfaffian.derive.emit.emitter import Emission, Emitter
-from pfaffian.derive.emit.follow import emit_follow
-from pfaffian.derive.emit.jacobian import emit_jacobian
+from pfaffian.derive.emit.emission import Emission, Emitter
+from pfaffian.derive.emit.files.batch import emit_batch
+from pfaffian.derive.emit.files.build_files import emit_build_files
+from pfaffian.derive.emit.files.c import emit_c
+from pfaffian.derive.emit.files.controller import (
+    control_constants,
+    control_structures,
+    emit_control,
+)
+from pfaffian.derive.emit.files.follow import emit_follow
+from pfaffian.derive.emit.files.jacobian import emit_jacobian
+from pfaffian.derive.emit.files.python import emit_python
 from pfaffian.derive.emit.precision import DOUBLE
-from pfaffian.derive.emit.python import emit_python
 from pfaffian.derive.emit.structures import STATUS, structures_of
-from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, Field, Manifest, Structure
+from pfaffian.runtime.contract.manifest import (
+    ABI_VERSION,
+    MANIFEST_NAME,
+    Field,
+    Manifest,
+    Structure,
+)
 
 EMITTERS: tuple[Emitter, ...] = (emit_c, emit_python, emit_control)
 

@@ -17,25 +17,25 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pfaffian.derive.control_set import ControlSet, control_paths, read_control
-from pfaffian.derive.emit.plan_table import PlanTable, plan_set, plan_table
-from pfaffian.derive.library import ModelFolder
-from pfaffian.derive.lowered import LoweredModel, lowered_from_json, lowered_to_json
-from pfaffian.derive.parameter_set import IncompleteSetError, ParameterSet, resolve_set
-from pfaffian.derive.parameters import read_set
-from pfaffian.derive.program import Program, program_from_json, program_to_json
-from pfaffian.runtime.cache import cached, digest
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.import_closure import code_of
+from pfaffian.derive.ir.lowered import LoweredModel, lowered_from_json, lowered_to_json
+from pfaffian.derive.ir.program import Program, program_from_json, program_to_json
+from pfaffian.derive.sets.controller_set import ControllerSettings, control_paths, read_control
+from pfaffian.derive.sets.parameter_set import IncompleteSetError, ParameterSet, resolve_set
+from pfaffian.derive.sets.plan_table import PlanTable, plan_set, plan_table
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import ModelFolder
+from pfaffian.runtime.base.cache import cached, digest
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.import_closure import code_of, modules_in
 
 if TYPE_CHECKING:
-    from pfaffian.derive.derivation import Derivation
+    from pfaffian.derive.derivation.derive import Derivation
 
 #: The module that each stage enters; what it imports decides the key of its results.
-_DERIVATION = "pfaffian.derive.derivation"
-_LOWERING = "pfaffian.derive.lower_model"
-_JACOBIAN = "pfaffian.derive.jacobian"
-_SINGLE = "pfaffian.derive.elementary_single"
+_DERIVATION = "pfaffian.derive.derivation.derive"
+_LOWERING = "pfaffian.derive.lower.model"
+_JACOBIAN = "pfaffian.derive.lower.jacobian"
+_SINGLE = "pfaffian.derive.elementary.single"
 #: What a specification imports, in a model's folder.
 _AUTHORING = "pfaffian.derive.authoring"
 _TOOLS = ("sympy", "casadi", "mpmath", "jinja2")
@@ -61,7 +61,10 @@ def derivation_key(folder: ModelFolder) -> str:
     """Return the digest of all that the derivation of `folder` depends on."""
     sources = [p.read_bytes() for p in sorted(folder.path.glob("*.py"))]
     tools = repr(tool_versions()).encode()
-    return digest(folder.name.encode(), tools, *code_of(_DERIVATION, _AUTHORING), *sources)
+    imports = sorted({name for text in sources for name in modules_in(text)})
+    return digest(
+        folder.name.encode(), tools, *code_of(_DERIVATION, _AUTHORING, *imports), *sources
+    )
 
 
 def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Derivation:
@@ -69,12 +72,12 @@ def derivation_of(folder: ModelFolder, clock: StageClock | None = None) -> Deriv
     since = time.perf_counter()
 
     def compute() -> bytes:
-        from pfaffian.derive.derivation import derive
+        from pfaffian.derive.derivation.derive import derive
 
         with folder.blamed():
             return pickle.dumps(derive(folder.load()))
 
-    from pfaffian.derive import derivation as _loaded  # noqa: F401  (pickle needs its classes)
+    from pfaffian.derive.derivation import derive as _loaded  # noqa: F401  (pickle needs its classes)
 
     result: Derivation = pickle.loads(cached("derivation", derivation_key(folder), compute))
     if clock:
@@ -88,7 +91,7 @@ def lowered_model(folder: ModelFolder, clock: StageClock | None = None) -> Lower
     key = digest(derivation_key(folder).encode(), *code_of(_LOWERING))
 
     def compute() -> bytes:
-        from pfaffian.derive.lower_model import lower_model
+        from pfaffian.derive.lower.model import lower_model
 
         derivation = derivation_of(folder, clock)
         with folder.blamed():
@@ -110,7 +113,7 @@ def jacobian_programs(folder: ModelFolder, clock: StageClock | None = None) -> t
     key = digest(derivation_key(folder).encode(), *code_of(_JACOBIAN))
 
     def compute() -> bytes:
-        from pfaffian.derive.jacobian import jacobian_programs_of
+        from pfaffian.derive.lower.jacobian import jacobian_programs_of
 
         with folder.blamed():
             found = jacobian_programs_of(derivation_of(folder))
@@ -127,7 +130,7 @@ def single_elementary() -> Mapping[str, Any]:
     key = digest(version("mpmath").encode(), *code_of(_SINGLE))
 
     def compute() -> bytes:
-        from pfaffian.derive.elementary_single import single_render_context
+        from pfaffian.derive.elementary.single import single_render_context
 
         return json.dumps(single_render_context(), sort_keys=True).encode()
 
@@ -185,7 +188,7 @@ def library_controls(
     folder: ModelFolder,
     sets: tuple[ParameterSet, ...],
     plans: tuple[PlanTable, ...],
-) -> tuple[ControlSet, ...]:
+) -> tuple[ControllerSettings, ...]:
     """Return the complete controllers that come with the model, of the parameter sets in `sets`."""
     paths, names = control_paths(folder.path), tuple(p.name for p in plans)
     return tuple(

@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pfaffian.derive.generation import Generation
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.files import announced, committing, make_folder
-from pfaffian.runtime.manifest import MANIFEST_NAME
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.files import announced, committing, make_folder
+from pfaffian.runtime.contract.manifest import MANIFEST_NAME
 
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from pfaffian.runtime.generated_model import open_generated
+from pfaffian.runtime.code.generated_model import open_generated
 from support_supervisor import SEALED
 
 IDLE, SWING_UP, BALANCE, FAULT = range(4)

@@ -2,7 +2,7 @@
 
 import mpmath as mp
 import sympy as sp
-from pfaffian.derive.program import Op
+from pfaffian.derive.ir.program import Op
 
 DIGITS = 50
 _MP = {

@@ -14,8 +14,8 @@ from pathlib import Path
 import gmpy2
 import numpy as np
 import numpy.typing as npt
-from pfaffian.derive.elementary import render_context
-from pfaffian.derive.emit.function import elementary_sources
+from pfaffian.benchmarks.function import elementary_sources
+from pfaffian.derive.elementary.coefficients import render_context
 
 Array = npt.NDArray[np.float64]
 

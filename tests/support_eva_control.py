@@ -11,7 +11,7 @@ elementary functions are analysed as they are. Eva is helped in two ways, in a c
 import shutil
 from dataclasses import dataclass
 
-from pfaffian.runtime.toolchain import control_sources, runtime_c
+from pfaffian.runtime.machine.sources import control_sources, runtime_c
 from support_eva import run_eva
 
 _BUILTINS = """\

@@ -15,21 +15,21 @@ from pathlib import Path
 
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.derivation import Derivation, derive
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.derivation.derive import Derivation, derive
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.generation import generate
-from pfaffian.derive.jacobian import jacobian_programs_of
-from pfaffian.derive.lower_model import lower_model
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.lower.jacobian import jacobian_programs_of
+from pfaffian.derive.lower.model import lower_model
 from pfaffian.derive.pipeline import tool_versions
-from pfaffian.derive.reserved_names import objection
-from pfaffian.derive.spec import ModelSpec
-from pfaffian.derive.spec_check import check_spec
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.derive.spec.check import check_spec
+from pfaffian.derive.spec.model_spec import ModelSpec
+from pfaffian.derive.spec.reserved_names import objection
 from pfaffian.derive.verify.compare import FUNCTIONS, LIMIT_ULP, verify
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.generated_model import GeneratedFolder, host_model, open_generated
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.code.generated_model import GeneratedFolder, host_model, open_generated
 
 OURS = """
     p1 p2 p3 s s1 s2 beta beta1 adb adb11 engaged saturated near_singular bound_estimate
@@ -149,7 +149,7 @@ def verified(named: Named, folder: Path, samples: int, *, extras: bool = False) 
     compile_strictly(folder)
     code = open_generated(str(folder))
     values = code.parameters("lab")
-    subjects = [PythonSubject(code), MachineSubject(host_model(code), "c-host")]
+    subjects = [PythonUnderTest(code), CompiledUnderTest(host_model(code), "c-host")]
     found = verify(derivation, model, [values], subjects, None, samples, 0)
     assert found.worst_scaled_ulp <= LIMIT_ULP, found.functions
     # Of three constraints drawn over all their bounds the judge leaves 45 of 80 samples of the step

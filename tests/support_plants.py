@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pfaffian.derive.library import ModelFolder
+from pfaffian.derive.spec.library import ModelFolder
 
 _HEAD = """import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder

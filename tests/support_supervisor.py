@@ -5,8 +5,7 @@ from fractions import Fraction
 from math import isfinite
 
 import numpy as np
-from pfaffian.runtime.c_layout import SUPERVISOR
-from pfaffian.runtime.supervision import (
+from pfaffian.runtime.code.supervision import (
     Check,
     Fault,
     Mode,
@@ -15,6 +14,7 @@ from pfaffian.runtime.supervision import (
     Reason,
     host_supervisor,
 )
+from pfaffian.runtime.contract.runtime_structs import SUPERVISOR
 
 HOST = host_supervisor()
 PERIOD = 2.0**-10  # a power of two: no product below is rounded

@@ -4,10 +4,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.flight.scenario import read_scenario
 from pfaffian.runtime.twin import TwinScenario, plant_model
-from pfaffian.runtime.twin.control import Command
+from pfaffian.runtime.twin.unit import Command
 
 HEAD = """
 model = "pendubot"

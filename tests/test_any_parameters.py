@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import is_hurwitz, zero_polynomial
-from pfaffian.derive.parameters import TABLES
 from pfaffian.derive.pipeline import lowered_model, parameter_set
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.gains import is_hurwitz, zero_polynomial
+from pfaffian.derive.sets.raw_set import TABLES
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
 
 SOURCE = find_model("pendubot")
 NAMES = ("title", "extends", "parameters", "gains", "target", "m1", "lam", "zero_dynamics_poles")

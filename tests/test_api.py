@@ -15,8 +15,8 @@ import sys
 import numpy as np
 import pfaffian as pf
 import pytest
-from pfaffian.derive.library import library_models
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.derive.spec.library import library_models
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 from scipy.integrate import solve_ivp
 from support_plants import written_plant
 
@@ -319,7 +319,7 @@ def test_changes_of_a_flight_are_those_of_a_file(pendubot, tmp_path, run):
 
 
 def library_scenario(name):
-    from pfaffian.runtime.scenario_files import find_scenario
+    from pfaffian.runtime.flight.scenario_files import find_scenario
 
     return find_scenario(name)
 

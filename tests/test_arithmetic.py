@@ -12,15 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.supervision import host_supervisor
-from pfaffian.runtime.target_files import read_target
-from pfaffian.runtime.toolchain import (
-    GCC_PPC,
-    control_sources,
-    processor_has_fma,
-    runtime_c,
-)
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.code.supervision import host_supervisor
+from pfaffian.runtime.machine.sources import control_sources, runtime_c
+from pfaffian.runtime.machine.target_files import read_target
+from pfaffian.runtime.machine.toolchain import GCC_PPC, processor_has_fma
 
 FOLDER = open_generated("pendubot")
 C, RUNTIME = FOLDER.path / "c", runtime_c()

@@ -8,13 +8,12 @@ from dataclasses import replace
 import mpmath
 import pytest
 import sympy as sp
-from pfaffian.derive.audit import check, pendubot_bounds
-from pfaffian.derive.audit import pendubot_source as src
-from pfaffian.derive.audit.document import audit_data, audit_latex
-from pfaffian.derive.audit.library import PENDUBOT, audit, audit_pendubot, pendubot_row
-from pfaffian.derive.audit.notation import Term, norm, read
-from pfaffian.derive.audit.pendubot_paper import EQUATIONS, PAPER
-from pfaffian.derive.audit.row import (
+from pfaffian.derive.derivation.derive import derive
+from pfaffian.derive.models.pendubot.spec import model
+from pfaffian.paper.audit import check
+from pfaffian.paper.audit.document import audit_data, audit_latex
+from pfaffian.paper.audit.notation import Term, norm, read
+from pfaffian.paper.audit.row import (
     DIFFERS,
     NOT_CHECKABLE,
     PROVED,
@@ -22,8 +21,10 @@ from pfaffian.derive.audit.row import (
     STATUSES,
     Counterexample,
 )
-from pfaffian.derive.derivation import derive
-from pfaffian.derive.models.pendubot.spec import model
+from pfaffian.paper.audits import PENDUBOT, audit, audit_pendubot, pendubot_row
+from pfaffian.paper.equations import pendubot_bounds
+from pfaffian.paper.equations import pendubot_source as src
+from pfaffian.paper.equations.pendubot_paper import EQUATIONS, PAPER
 from support_misprints import CHEAP, MISPRINTS, SEEN_WHOLE, TRUE_STILL, changes
 
 P = src.P

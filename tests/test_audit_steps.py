@@ -1,7 +1,7 @@
 """One step of a check of the audit: what it compares, entry by entry."""
 
 import sympy as sp
-from pfaffian.derive.audit.check import equal
+from pfaffian.paper.audit.check import equal
 
 X = sp.Symbol("x", real=True)
 

@@ -3,10 +3,10 @@
 import shutil
 
 import pytest
-from pfaffian.derive.control_set import read_control
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import library_controls, library_sets, lowered_model, plan_tables
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.controller_set import read_control
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
 
 SOURCE = find_model("pendubot")
 GOOD = (SOURCE.path / "control" / "rig.toml").read_text(encoding="utf-8")

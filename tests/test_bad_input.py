@@ -18,8 +18,8 @@ from typing import Any
 
 import pytest
 from pfaffian.derive import writer
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.manifest import ABI_VERSION
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.contract.manifest import ABI_VERSION
 
 #: A call that names what does not exist, and what the message must say.
 UNKNOWN = {

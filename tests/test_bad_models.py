@@ -6,7 +6,7 @@ Each model is the Pendubot's specification with one passage replaced.
 from __future__ import annotations
 
 import pytest
-from pfaffian.derive.library import find_model
+from pfaffian.derive.spec.library import find_model
 
 SPEC = find_model("pendubot").spec_file
 

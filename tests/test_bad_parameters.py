@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from pfaffian.derive.library import find_model
+from pfaffian.derive.spec.library import find_model
 
 SIM = 'extends = "sim"\n'
 RIG = 'extends = "rig"\n'

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from pfaffian.runtime import generated_model
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.scenario import read_scenario, scenario_paths
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code import generated_model
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.flight.scenario_files import scenario_paths
 
 TEXT = scenario_paths()["section-5.1-paper"].read_text(encoding="utf-8")
 #: Where ADB of this set vanishes, (lam - 1) theta2 = theta3 cos q2; by hand, for lam = 2.25.

@@ -1,7 +1,7 @@
 """Twins that cannot fly: refused with what, where and what to do, before anything is built."""
 
 import pytest
-from pfaffian.runtime import generated_model
+from pfaffian.runtime.code import generated_model
 from support_twin import FULL
 
 #: The passage replaced in FULL, by what, and what the message must say.

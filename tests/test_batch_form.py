@@ -7,24 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import tree
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import library_sets, lowered_model
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.batch import batch_model
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.batch import batch_model
+from pfaffian.runtime.code.generated_model import (
     GeneratedFolder,
     fill_records,
     host_model,
     open_generated,
 )
-from pfaffian.runtime.manifest import read_manifest
-from pfaffian.runtime.many import fly_many
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.toolchain import COMMON_FLAGS, batch_sources, host_target, vector_flags
+from pfaffian.runtime.contract.manifest import read_manifest
+from pfaffian.runtime.flight.batch_flight import fly_many
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.machine.sources import batch_sources
+from pfaffian.runtime.machine.toolchain import COMMON_FLAGS, host_target, vector_flags
 
 MODELS = ("pendubot", "pvtol")
 SCENARIOS = {"pendubot": "section-5.1-designed", "pvtol": "pvtol-hover"}
@@ -209,7 +210,7 @@ def test_a_baked_batch_gives_the_bits_of_the_baked_step(tmp_path):
 
 
 def test_without_vectors_the_bits_are_the_same(folder, batch, monkeypatch):
-    monkeypatch.setattr("pfaffian.runtime.batch.vector_flags", lambda: ("-O3",))
+    monkeypatch.setattr("pfaffian.runtime.code.batch.vector_flags", lambda: ("-O3",))
     plain = batch_model(folder)
     state, params, measured = random_step(folder, plain.host, 2003, 12)
     bad, _ = both_steps(folder, plain, state, params, measured)
@@ -291,7 +292,7 @@ def test_flights_in_two_parts_are_flights_in_one(folder, batch, monkeypatch):
     scenario = replace(read_scenario(SCENARIOS[folder.manifest.model], folder.path), steps=20)
     plant, _ = perturbed(scenario, 11, 14)
     whole = fly_many(scenario, batch, plant=plant)
-    monkeypatch.setattr("pfaffian.runtime.many._TOGETHER", 4)
+    monkeypatch.setattr("pfaffian.runtime.flight.batch_flight._TOGETHER", 4)
     parts = fly_many(scenario, batch, plant=plant)
     for name, log in whole.signals.items():
         assert log.tobytes() == parts.signals[name].tobytes()

@@ -5,8 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 
 @pytest.fixture(scope="module")

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.generated_model import host_model
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.sensing import Encoder, SensingParameters, host_sensing
-from pfaffian.runtime.sensing_bench import (
+from pfaffian.benchmarks.sensing import (
     BANDWIDTHS,
     EstimatorFigures,
     measured_estimators,
     proposed_estimator,
 )
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import host_model
+from pfaffian.runtime.code.sensing import Encoder, SensingParameters, host_sensing
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.scenario import read_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 PAPER = SensingParameters()

@@ -5,15 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.cli.bench_step import measured_steps
-from pfaffian.derive import step_optional_peers
-from pfaffian.derive.library import find_model
-from pfaffian.derive.pipeline import derivation_of, lowered_model
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.step_peers import PEERS, constant_names, given_names, shared_assignments
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.step_bench import (
+from pfaffian.benchmarks import step_optional_peers
+from pfaffian.benchmarks.step import (
     StepStates,
     check_agreement,
     flown_states,
@@ -21,6 +14,13 @@ from pfaffian.runtime.step_bench import (
     random_states,
     worst_difference,
 )
+from pfaffian.benchmarks.step_peers import PEERS, constant_names, given_names, shared_assignments
+from pfaffian.cli.bench.step import measured_steps
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.pipeline import derivation_of, lowered_model
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.flight.scenario import read_scenario
 
 NAMES = ["ours", "casadi", "sympy", "hand_libm", "hand", "hand_checked"]
 SCENARIO = read_scenario("rig-balance")

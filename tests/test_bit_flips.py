@@ -7,9 +7,9 @@ import os
 
 import numpy as np
 import pytest
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.generated_model import fill_records, host_model
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.runtime.code.generated_model import fill_records, host_model
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.scenario import read_scenario
 from test_c_safety import assert_safe, is_finite, raw
 
 COUNT = int(os.environ.get("PFAFFIAN_FLIPS", "100000"))

@@ -14,18 +14,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.derive.emit.c import c_literal
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.emit.emission import Emission
+from pfaffian.derive.emit.precision import c_literal
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import library_sets, lowered_model
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import GeneratedModel, open_generated
-from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.machine import HostMachine
-from pfaffian.runtime.quantity import unit_registry
-from pfaffian.runtime.toolchain import Target, compile_image, controller_sources, harness_sources
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.quantity import unit_registry
+from pfaffian.runtime.code.generated_model import GeneratedModel, open_generated
+from pfaffian.runtime.contract.dtypes import layout_of
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.sources import controller_sources, harness_sources
+from pfaffian.runtime.machine.toolchain import Target
 from test_c_safety import garbage, sensible
 
 WARNINGS = (

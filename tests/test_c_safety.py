@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
-from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.toolchain import controller_sources
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.contract.dtypes import layout_of
+from pfaffian.runtime.machine.sources import controller_sources
 
 OK, SATURATED, NEAR_SINGULAR, BAD_INPUT, BAD_PARAMETER, NUMERIC, NOT_READY, BAD_ARITHMETIC = range(
     8
@@ -223,7 +223,7 @@ def test_an_infinite_torque_limit_is_refused_by_init_and_leaves_the_torque_finit
 
 def bounds():
     """Return (name, lower, whether it is open, upper) of each parameter, from the source."""
-    from pfaffian.derive.library import find_model
+    from pfaffian.derive.spec.library import find_model
 
     declared = {p.name: p for p in find_model("pendubot").load().parameters}
     names = FOLDER.manifest.structures["params"].names()

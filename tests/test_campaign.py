@@ -1,7 +1,7 @@
 """Campaigns: what is refused, how changes merge, the same bytes whoever shares the work."""
 
 import pytest
-from pfaffian.runtime.twin.campaign import campaign_paths, read_campaign
+from pfaffian.runtime.twin.files.campaign import campaign_paths, read_campaign
 
 SMALL = """
 title = "three rigs, two laws"

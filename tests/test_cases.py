@@ -86,9 +86,9 @@ q2 = "1.9 rad"
 
 def test_the_hand_of_the_arm_stays_on_its_line(workspace, run):
     """The residual decays at `approach`; from 5 s on the hand is on the line to 1e-5 m."""
-    from pfaffian.runtime.flight import fly
-    from pfaffian.runtime.generated_model import host_model, open_generated
-    from pfaffian.runtime.scenario import read_scenario
+    from pfaffian.runtime.code.generated_model import host_model, open_generated
+    from pfaffian.runtime.flight.closed_loop import fly
+    from pfaffian.runtime.flight.scenario import read_scenario
 
     assert run("generate", CASES / "task_space_arm", "-o", "arm").code == 0
     (workspace / "line.toml").write_text(ARM, encoding="utf-8")

@@ -5,18 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.certificate import certify as stage
 from pfaffian.derive.certificate import uncertainty
-from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.region import Region
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate
-from pfaffian.derive.library import find_model
+from pfaffian.derive.ir.evaluate_arrays import evaluate_at
+from pfaffian.derive.ir.intervals import enclose
 from pfaffian.derive.pipeline import derivation_of
-from pfaffian.runtime.continuous import ContinuousLoop, fly_continuous, record
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.flight.continuous import ContinuousLoop, fly_continuous, record
+from pfaffian.runtime.flight.scenario import read_scenario
 from scipy.integrate import solve_ivp
 
 FRICTION = {f"friction{k + 1}": v for k, v in enumerate((4.18, 1.59, 3.15, 0.09, 3.52, 0.021))}

@@ -6,14 +6,14 @@ import mpmath
 import numpy as np
 import pytest
 from pfaffian.derive.certificate import certify as stage
-from pfaffian.derive.certificate.intervals import enclose
-from pfaffian.derive.certificate.search import Objective, greatest, least
 from pfaffian.derive.certificate.theorem import Theorem
-from pfaffian.derive.library import find_model
+from pfaffian.derive.ir.extrema import Objective, greatest, least
+from pfaffian.derive.ir.intervals import enclose
+from pfaffian.derive.ir.program import Instruction, Op, Program, Signal
 from pfaffian.derive.pipeline import derivation_of
-from pfaffian.derive.program import Instruction, Op, Program, Signal
-from pfaffian.runtime.continuous import fly_continuous
-from pfaffian.runtime.generated_model import host_model, open_generated
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.flight.continuous import fly_continuous
 from test_certificate import scenario_of
 
 EXACT = {

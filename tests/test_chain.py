@@ -5,13 +5,13 @@ import math
 
 import pytest
 import sympy as sp
-from pfaffian.derive.chain import chain, forward_dynamics
-from pfaffian.derive.chain_peers import PEERS
-from pfaffian.derive.lagrange import christoffel_matrix, mass_matrix, velocity_forces
-from pfaffian.derive.lowering import lower
-from pfaffian.derive.normal_form import is_zero, trigonometric_sum, zero_matrix
-from pfaffian.derive.program import evaluate
-from pfaffian.runtime.errors import InputError
+from pfaffian.benchmarks.chain_peers import PEERS
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.lower.to_program import lower
+from pfaffian.derive.mechanics.chain import chain, forward_dynamics
+from pfaffian.derive.mechanics.lagrange import christoffel_matrix, mass_matrix, velocity_forces
+from pfaffian.derive.symbolic.normal_form import is_zero, trigonometric_sum, zero_matrix
+from pfaffian.runtime.base.errors import InputError
 
 
 @pytest.mark.parametrize("links", [1, 2, 3])

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.metrics import tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
 from scipy.integrate import solve_ivp
 
 

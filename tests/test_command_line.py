@@ -14,12 +14,13 @@ from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY
-from pfaffian.cli.main import app, bench_app
-from pfaffian.derive.library import find_model, library_models
+from pfaffian.cli.bench.commands import bench_app
+from pfaffian.cli.main import app
+from pfaffian.derive.spec.library import find_model, library_models
 from pfaffian.derive.verify import compare
-from pfaffian.runtime.flight import Trajectory
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.scenario import scenario_paths
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.flight.closed_loop import Trajectory
+from pfaffian.runtime.flight.scenario_files import scenario_paths
 
 COMMANDS = (
     "models",
@@ -212,7 +213,7 @@ def test_the_main_job_flies_a_law_and_a_complete_controller_and_tells_it(run, wo
 
 @pytest.mark.target
 def test_a_target_that_differs_in_a_bit_is_one_document_and_exit_1(run, short, monkeypatch):
-    monkeypatch.setattr("pfaffian.runtime.flight.differing_bits", lambda *_: 1)
+    monkeypatch.setattr("pfaffian.runtime.flight.closed_loop.differing_bits", lambda *_: 1)
     outcome = run("pil", "short.toml", "--json")
     document = outcome.document()
     assert outcome.code == document["error"]["exit_code"] == 1

@@ -6,10 +6,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from pfaffian.runtime import toolchain
-from pfaffian.runtime.compiled import BLOCK, compiled_model
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.compiled import BLOCK, compiled_model
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.machine import toolchain
 from test_c_safety import garbage, sensible
 
 FOLDER = open_generated("pendubot")

@@ -6,12 +6,13 @@ import json
 import math
 
 import pytest
-from pfaffian.cli.check import verification
-from pfaffian.cli.make import Extras, generate_files
-from pfaffian.derive.definiteness import Definiteness, definiteness_of, points_within_bounds
-from pfaffian.derive.library import find_model
+from pfaffian.cli.code.generate import generate_files
+from pfaffian.cli.code.verify import verification
+from pfaffian.derive.generate_model import Extras
 from pfaffian.derive.pipeline import complete_sets, lowered_model
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.definiteness import Definiteness, definiteness_of, points_within_bounds
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
 
 SPEC = """
 from pfaffian.derive.authoring import ModelBuilder

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.derivation import derive
-from pfaffian.derive.exact_numbers import exact_number
-from pfaffian.derive.forms import grouped
-from pfaffian.derive.lagrange import mass_matrix
-from pfaffian.derive.library import find_model
-from pfaffian.derive.lower_model import lower_model
+from pfaffian.derive.derivation.derive import derive
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.lower.model import lower_model
+from pfaffian.derive.mechanics.lagrange import mass_matrix
 from pfaffian.derive.pipeline import derivation_of, lowered_model
-from pfaffian.derive.program import evaluate
+from pfaffian.derive.spec.exact_numbers import exact_number
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.symbolic.forms import grouped
 from pfaffian.derive.verify.compare import verify
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 x, y, dx, dy, q = MOVING = sp.symbols("x y dx dy q", real=True)
 k, m, j, a = sp.symbols("k m j a", positive=True)

@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.constraint import servo_constraint
-from pfaffian.derive.library import ModelFolder
-from pfaffian.derive.lowered import lowered_to_json
+from pfaffian.derive.ir.lowered import lowered_to_json
+from pfaffian.derive.mechanics.constraint import servo_constraint
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.residuals import time_derivative
-from pfaffian.derive.spec import TIME
+from pfaffian.derive.spec.library import ModelFolder
+from pfaffian.derive.spec.model_spec import TIME
+from pfaffian.derive.spec.residuals import time_derivative
 from pfaffian.derive.verify.compare import verify
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.scenario import read_scenario
 
 CART = """import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
@@ -106,8 +106,8 @@ def flown(folder: ModelFolder, run, start: str, seconds: float = 2.0) -> SimpleN
     host, target = host_model(code), ppc750_model(code)
     model, derivation = lowered_model(folder), derivation_of(folder)
     sets = [s.as_dict() for s in library_sets(model, folder)]
-    subjects = [PythonSubject(code), MachineSubject(host, "c-host")]
-    there = MachineSubject(target, "c-ppc750")
+    subjects = [PythonUnderTest(code), CompiledUnderTest(host, "c-host")]
+    there = CompiledUnderTest(target, "c-ppc750")
     found = verify(derivation, model, sets, subjects, there, samples=200, target_samples=200)
     assert found.passed, found
     flight = read_scenario(str(scenario), generated=out)
@@ -296,7 +296,7 @@ def _second(psi: str):
     names |= {"ddx": m.acceleration(x), "ddy": m.acceleration(y)}
     psi = eval(psi, names)
     coordinates = m._coordinates
-    from pfaffian.derive.residuals import second_order
+    from pfaffian.derive.spec.residuals import second_order
 
     return psi, *second_order(psi, coordinates), coordinates
 

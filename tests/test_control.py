@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from pfaffian.derive.design.linear_plant import state_space
-from pfaffian.derive.library import find_model
+from pfaffian.derive.design.place.linear_plant import state_space
 from pfaffian.derive.pipeline import library_sets, lowered_model
-from pfaffian.runtime.c_layout import SENSING, SUPERVISOR
-from pfaffian.runtime.checksum import checksum_of
-from pfaffian.runtime.control import host_control, ppc750_control
-from pfaffian.runtime.documents import read_toml
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.scenario import find_scenario
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.checksum import checksum_of
+from pfaffian.runtime.base.toml import read_toml
+from pfaffian.runtime.code.controller import host_control, ppc750_control
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.contract.runtime_structs import SENSING, SUPERVISOR
+from pfaffian.runtime.flight.scenario_files import find_scenario
 from pfaffian.runtime.twin import Wanted, fly_twin, plant_model
-from pfaffian.runtime.twin.complete import complete_unit
-from pfaffian.runtime.twin.read import twin_of
+from pfaffian.runtime.twin.files.read import twin_of
+from pfaffian.runtime.twin.units.complete import complete_unit
 from scipy.linalg import solve_continuous_are
 
 IDLE, SWING_UP, BALANCE, FAULT = range(4)

@@ -6,9 +6,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from pfaffian.runtime.control import ROLES, host_control, ppc750_control
-from pfaffian.runtime.supervision import Fault, Reason
-from pfaffian.runtime.toolchain import control_sources, runtime_c
+from pfaffian.runtime.code.controller import ROLES, host_control, ppc750_control
+from pfaffian.runtime.code.supervision import Fault, Reason
+from pfaffian.runtime.machine.sources import control_sources, runtime_c
 from support_control import (
     BALANCE,
     ENERGY,

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from pfaffian.runtime.control import ppc750_control
+from pfaffian.runtime.code.controller import ppc750_control
 from support_control import BALANCE, ENERGY, FAULT, FOLDER, IDLE, PLAN, SWING_UP, Board
 
 ROWS = {

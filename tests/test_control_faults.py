@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from pfaffian.runtime.control import host_control, ppc750_control
+from pfaffian.runtime.code.controller import host_control, ppc750_control
 from support_control import (
     BALANCE,
     ENERGY,

@@ -8,7 +8,7 @@ import os
 
 import numpy as np
 import pytest
-from pfaffian.runtime.control import host_control
+from pfaffian.runtime.code.controller import host_control
 from support_control import BALANCE, ENERGY, FAULT, FOLDER, SWING_UP, Board, leaves
 
 COUNT = int(os.environ.get("PFAFFIAN_FLIPS", "20000"))

@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from pfaffian.derive.emit.control import FIXED_ENCODER
-from pfaffian.runtime.control import host_control, ppc750_control
-from pfaffian.runtime.supervision import Fault, Position, Reason
+from pfaffian.derive.emit.files.controller import FIXED_ENCODER
+from pfaffian.runtime.code.controller import host_control, ppc750_control
+from pfaffian.runtime.code.supervision import Fault, Position, Reason
 from support_control import (
     BALANCE,
     ENERGY,

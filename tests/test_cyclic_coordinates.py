@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of, lowered_model
+from pfaffian.derive.spec.library import find_model
 
 HEAD = """\
 import sympy as sp
@@ -256,7 +256,7 @@ def test_a_satellite_is_generated_verified_and_flown_to_its_attitude(plant, run,
 
 
 def test_zeros_within_rounding_are_divided_out_and_slow_poles_are_not():
-    from pfaffian.derive.routh import without_origin
+    from pfaffian.derive.sets.routh import without_origin
 
     assert without_origin((2.0, 6.0, 1e-16, -3e-17), 2) == (2.0, 6.0)
     assert without_origin((2.0, 6.0, 1e-16, -3e-17), 1) == (2.0, 6.0, 1e-16)

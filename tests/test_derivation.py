@@ -4,11 +4,11 @@ import random
 
 import pytest
 import sympy as sp
-from pfaffian.derive.derivation import derive
+from pfaffian.derive.derivation.derive import derive
 from pfaffian.derive.models.pendubot.spec import PARAMETERS, model
-from pfaffian.derive.normal_form import is_zero, zero_matrix, zero_residual
-from pfaffian.derive.parameter_set import is_hurwitz
-from pfaffian.derive.spec import symbols_of
+from pfaffian.derive.sets.gains import is_hurwitz
+from pfaffian.derive.spec.model_spec import symbols_of
+from pfaffian.derive.symbolic.normal_form import is_zero, zero_matrix, zero_residual
 
 P = symbols_of(PARAMETERS)
 Q1, Q2, DQ1, DQ2 = sp.symbols("q1 q2 dq1 dq2", real=True)
@@ -154,8 +154,8 @@ def test_energies_with_a_wrong_unit_are_refused():
     """The paper prints g in kg/m^2: with that unit V is no energy."""
     from dataclasses import replace
 
-    from pfaffian.derive.derivation import check_dimensions
-    from pfaffian.runtime.errors import InputError
+    from pfaffian.derive.spec.check_dimensions import check_dimensions
+    from pfaffian.runtime.base.errors import InputError
 
     spec = model()
     check_dimensions(spec)

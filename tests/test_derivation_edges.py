@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.block import BlockBuilder
-from pfaffian.derive.constraint import servo_constraint
-from pfaffian.derive.library import find_model
-from pfaffian.derive.linear_solve import define_factors, define_solution
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.mechanics.constraint import servo_constraint
+from pfaffian.derive.mechanics.mass_solver import define_factors, define_solution
 from pfaffian.derive.models.pendubot.spec import model
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.routh import is_stable_column, routh_column
-from pfaffian.derive.spec import TIME
+from pfaffian.derive.sets.routh import is_stable_column, routh_column
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.spec.model_spec import TIME
+from pfaffian.derive.symbolic.block import BlockBuilder
 
 
 def test_a_time_in_the_constraint_is_in_its_right_hand_side():

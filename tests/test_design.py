@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pfaffian.derive.design.intervals import friction_limits, moved, read_box, worst_case
-from pfaffian.derive.design.poles import gains_for_poles, numeric_gains
+from pfaffian.derive.design.place.poles import gains_for_poles, numeric_gains
+from pfaffian.derive.design.place.riccati import riccati_row
 from pfaffian.derive.design.proposal import propose
-from pfaffian.derive.design.riccati import riccati_row
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import polynomial_of, zero_polynomial
-from pfaffian.derive.parameters import read_set
+from pfaffian.derive.design.worst_case import friction_limits, moved, read_box, worst_case
 from pfaffian.derive.pipeline import lowered_model, parameter_set
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.gains import polynomial_of, zero_polynomial
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
 
 SOURCE = find_model("pendubot")
 #: The paper's gains on the rig's plant.
@@ -423,7 +423,7 @@ def test_a_folder_that_cannot_be_written_is_named(workspace, refused, monkeypatc
     def full(path, content):
         raise OSError(28, "No space left on device", str(path))
 
-    monkeypatch.setattr("pfaffian.runtime.files._written_beside", full)
+    monkeypatch.setattr("pfaffian.runtime.base.files._written_beside", full)
     refused(
         *("design", "pendubot", "--set", "sim", "--poles", "-6,-6,-6", "-o", "made.toml"),
         says=("-o made.toml: cannot be written (No space left", "another place"),
@@ -431,7 +431,7 @@ def test_a_folder_that_cannot_be_written_is_named(workspace, refused, monkeypatc
 
 
 def test_a_set_reads_without_its_stability_judged_only_where_asked(model, params):
-    from pfaffian.derive.parameter_set import resolve_set
+    from pfaffian.derive.sets.parameter_set import resolve_set
 
     raw = read_set(params(PAPER_ON_RIG), model.parameters, SOURCE.sets())
     assert resolve_set(model, raw, judge=False).as_dict()["lam"] == 2.25

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from pfaffian.derive.design import poles as placement
 from pfaffian.derive.design.assess import Design, assess, singular_distance
-from pfaffian.derive.design.intervals import read_box
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import polynomial_of, roots_of
-from pfaffian.derive.parameters import parse_poles
+from pfaffian.derive.design.place import poles as placement
+from pfaffian.derive.design.worst_case import read_box
 from pfaffian.derive.pipeline import lowered_model, parameter_set
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.gains import polynomial_of, roots_of
+from pfaffian.derive.sets.raw_set import parse_poles
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
 
 SOURCE = find_model("pendubot")
 

@@ -13,8 +13,8 @@ def test_the_listing_in_the_documents_is_the_generated_step():
 
 
 def test_the_operations_in_the_documents_are_those_of_the_passes():
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import lowered_model
+    from pfaffian.derive.spec.library import find_model
 
     reports = [p for p in lowered_model(find_model("pendubot")).passes if p.program == "step"]
     page = (ROOT / "docs/emitted-code.md").read_text(encoding="utf-8")

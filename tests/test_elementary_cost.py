@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.runtime.machine import Ppc750Machine
-from pfaffian.runtime.toolchain import COMMON_FLAGS, Target, ppc750_target
+from pfaffian.runtime.machine.emulator import Ppc750Machine
+from pfaffian.runtime.machine.toolchain import COMMON_FLAGS, Target, ppc750_target
 from support_elementary import FUNCTIONS, SOURCES, WARNINGS, Array, render, run
 
 pytestmark = pytest.mark.target

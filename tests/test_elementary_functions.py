@@ -12,16 +12,16 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-from pfaffian.derive.elementary import (
+from pfaffian.derive.elementary.coefficients import (
     QUIET_NAN_BITS,
     SINCOS_MAX,
     ULP_BOUNDS,
     elementary_coefficients,
     render_context,
 )
-from pfaffian.derive.elementary_further import further_coefficients
-from pfaffian.derive.elementary_tables import ATAN_ROWS, atan_edges
-from pfaffian.runtime.toolchain import processor_has_fma
+from pfaffian.derive.elementary.further import further_coefficients
+from pfaffian.derive.elementary.tables import ATAN_ROWS, atan_edges
+from pfaffian.runtime.machine.toolchain import processor_has_fma
 from support_elementary import (
     BASE_FLAGS,
     FUNCTIONS,
@@ -408,7 +408,7 @@ def test_formulas_are_well_below_the_rounding_errors() -> None:
 def test_coefficients_do_not_depend_on_the_integers_below_mpmath() -> None:
     code = (
         "import dataclasses, mpmath.libmp\n"
-        "from pfaffian.derive.elementary import elementary_coefficients\n"
+        "from pfaffian.derive.elementary.coefficients import elementary_coefficients\n"
         "print(mpmath.libmp.BACKEND, dataclasses.asdict(elementary_coefficients()))\n"
     )
     environment = {**os.environ, "MPMATH_NOGMPY": "1"}

@@ -3,9 +3,9 @@
 import mpmath
 import pytest
 from conftest import REPOSITORY
-from pfaffian.derive.elementary import elementary_coefficients, render_context
-from pfaffian.derive.elementary_single import single_coefficients, single_render_context
-from pfaffian.derive.elementary_tables import atan_reach, sincos_reach
+from pfaffian.derive.elementary.coefficients import elementary_coefficients, render_context
+from pfaffian.derive.elementary.single import single_coefficients, single_render_context
+from pfaffian.derive.elementary.tables import atan_reach, sincos_reach
 
 #: The formula of each polynomial p, what it stands for, its range and where it is relative to.
 FORMULAS = {

@@ -13,12 +13,12 @@ import subprocess
 
 import gmpy2
 import pytest
-from pfaffian.derive.elementary import SINCOS_MAX, ULP_BOUNDS, elementary_coefficients
-from pfaffian.derive.elementary_further import FURTHER_ULP_BOUNDS
-from pfaffian.derive.elementary_further_proofs import further_proofs
-from pfaffian.derive.elementary_proofs import LEAST, PROVED_ULP, Proof, proofs
-from pfaffian.derive.elementary_tables import ATAN_ROWS, atan_edges
-from pfaffian.derive.emit.emitter import fill
+from pfaffian.derive.elementary.coefficients import SINCOS_MAX, ULP_BOUNDS, elementary_coefficients
+from pfaffian.derive.elementary.further import FURTHER_ULP_BOUNDS
+from pfaffian.derive.elementary.further_proofs import further_proofs
+from pfaffian.derive.elementary.proofs import LEAST, PROVED_ULP, Proof, proofs
+from pfaffian.derive.elementary.tables import ATAN_ROWS, atan_edges
+from pfaffian.derive.emit.templates import fill
 
 TEMPLATE = "gappa/row.g.j2"
 needs_gappa = pytest.mark.skipif(

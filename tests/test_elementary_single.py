@@ -14,18 +14,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from pfaffian.derive.elementary import SINCOS_MAX
-from pfaffian.derive.elementary_further import further_coefficients_single
-from pfaffian.derive.elementary_single import (
+from pfaffian.benchmarks.function import elementary_sources
+from pfaffian.derive.elementary.coefficients import SINCOS_MAX
+from pfaffian.derive.elementary.further import further_coefficients_single
+from pfaffian.derive.elementary.single import (
     QUIET_NAN_BITS_SINGLE,
     ULP_BOUNDS_SINGLE,
     single_coefficients,
     single_render_context,
 )
-from pfaffian.derive.emit.function import elementary_sources
 from pfaffian.derive.emit.precision import SINGLE
-from pfaffian.runtime.machine import Ppc750Machine
-from pfaffian.runtime.toolchain import processor_has_fma
+from pfaffian.runtime.machine.emulator import Ppc750Machine
+from pfaffian.runtime.machine.toolchain import processor_has_fma
 from support_elementary import BASE_FLAGS, POINTS, TARGET_FLAGS, WARNINGS, ZIG, run
 
 Singles = npt.NDArray[np.float32]

@@ -6,12 +6,12 @@ import math
 import shutil
 
 import pytest
-from pfaffian.derive.control_set import read_control
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import library_sets, lowered_model
-from pfaffian.runtime.control import host_control
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import open_generated
+from pfaffian.derive.sets.controller_set import read_control
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.controller import host_control
+from pfaffian.runtime.code.generated_model import open_generated
 
 SOURCE = find_model("cart_pole")
 CART = """[encoder.x]

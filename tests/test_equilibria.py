@@ -6,9 +6,9 @@ import math
 
 import mpmath
 import pytest
-from pfaffian.derive.library import find_model, library_models
-from pfaffian.derive.parameters import read_set
 from pfaffian.derive.pipeline import library_sets, lowered_model, parameter_set
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model, library_models
 
 FLEXIBLE = """\
 import sympy as sp

@@ -4,9 +4,10 @@ import shutil
 
 import numpy as np
 import pytest
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.machine import HostMachine
-from pfaffian.runtime.toolchain import compile_image, host_target
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.toolchain import host_target
 from support_eva import CONTRACTS, driver, intervals_of, prove
 
 needs_eva = pytest.mark.skipif(

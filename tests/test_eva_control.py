@@ -8,7 +8,7 @@ import os
 import shutil
 
 import pytest
-from pfaffian.runtime.generated_model import open_generated
+from pfaffian.runtime.code.generated_model import open_generated
 from support_eva_control import SENSING, SUPERVISOR, Limits, control_driver, prove_any, prove_step
 
 needs_eva = pytest.mark.skipif(

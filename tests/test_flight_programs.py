@@ -12,10 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.runtime import flight_program
-from pfaffian.runtime.errors import CheckError, InputError, MissingToolError
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.flight_program import (
+from pfaffian.runtime.base.errors import CheckError, InputError, MissingToolError
+from pfaffian.runtime.code.generated_model import (
+    GeneratedModel,
+    host_model,
+    open_generated,
+    ppc750_model,
+)
+from pfaffian.runtime.flight import flight_program
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.flight_program import (
     FAULTS,
     MAGIC,
     bare_program,
@@ -28,22 +34,12 @@ from pfaffian.runtime.flight_program import (
     run_bare,
     run_program,
 )
-from pfaffian.runtime.generated_model import (
-    GeneratedModel,
-    host_model,
-    open_generated,
-    ppc750_model,
-)
-from pfaffian.runtime.machine import HostMachine
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.target_files import read_target, target_paths
-from pfaffian.runtime.toolchain import (
-    GCC_PPC,
-    compile_image,
-    harness_sources,
-    host_target,
-    program_target,
-)
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.sources import harness_sources
+from pfaffian.runtime.machine.target_files import read_target, target_paths
+from pfaffian.runtime.machine.toolchain import GCC_PPC, host_target, program_target
 
 pytestmark = pytest.mark.target
 STEPS = int(os.environ.get("PFAFFIAN_FLIGHT_STEPS", "2000"))
@@ -163,7 +159,7 @@ def test_other_linux_targets_fly_the_same_bits(name):
 )
 @pytest.mark.parametrize("how", [pytest.param("bare", marks=needs_bare)])
 def test_other_models_fly_on_bare_metal(name, how):
-    from pfaffian.runtime.scenario import scenario_paths
+    from pfaffian.runtime.flight.scenario_files import scenario_paths
 
     known = [s for s in scenario_paths() if read_scenario(s).folder.manifest.model == name]
     if not known:
@@ -352,7 +348,7 @@ def test_pil_flies_on_the_emulator_that_is_asked_for(run, workspace, emulator, m
 
 
 def short_scenario(workspace):
-    from pfaffian.runtime.scenario import scenario_paths
+    from pfaffian.runtime.flight.scenario_files import scenario_paths
 
     text = scenario_paths()["section-5.1-designed"].read_text()
     path = workspace / "short.toml"
@@ -398,7 +394,7 @@ def test_a_missing_c_library_is_named(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name, *_: f"/usr/bin/{name}")
     real = flight_program.subprocess.run
     monkeypatch.setattr(
-        "pfaffian.runtime.toolchain.subprocess.run",
+        "pfaffian.runtime.machine.toolchain.subprocess.run",
         lambda command, **more: real(["echo", "libc.a"], **more),
     )
     with pytest.raises(MissingToolError, match="no C library") as caught:

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import THOROUGH
-from pfaffian.cli.check import verification
-from pfaffian.cli.make import Extras, generate_files
-from pfaffian.derive.emit.plan_table import PlanTable, plan_table
-from pfaffian.derive.library import LIBRARY, find_model
+from pfaffian.cli.code.generate import generate_files
+from pfaffian.cli.code.verify import verification
+from pfaffian.derive.generate_model import Extras
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
 from pfaffian.derive.plan.document import read_plan
 from pfaffian.derive.plan.follow import (
@@ -26,8 +25,10 @@ from pfaffian.derive.plan.follow import (
 )
 from pfaffian.derive.plan.plant import numeric_plant
 from pfaffian.derive.plan.reference import Curve
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.sets.plan_table import PlanTable, plan_table
+from pfaffian.derive.spec.library import LIBRARY, find_model
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import (
     GeneratedModel,
     fill_records,
     host_model,

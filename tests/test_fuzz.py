@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.toolchain import runtime_c
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.machine.sources import runtime_c
 
 SECONDS = int(os.environ.get("PFAFFIAN_FUZZ_SECONDS", "3"))
 TESTS = REPOSITORY / "tests"

@@ -25,12 +25,12 @@ from conftest import Outcome, tree
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pfaffian.cli.main import app, main
-from pfaffian.derive.library import library_models
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.scenario_files import scenario_paths
-from pfaffian.runtime.target_files import target_paths
-from pfaffian.runtime.twin.campaign import campaign_paths
+from pfaffian.derive.spec.library import library_models
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.flight.scenario_files import scenario_paths
+from pfaffian.runtime.machine.target_files import target_paths
+from pfaffian.runtime.twin.files.campaign import campaign_paths
 from support_fuzz import QUANTITIES, TEXTS, judge, spoiled, spoiled_text, toml
 
 TRIES = int(os.environ.get("PFAFFIAN_FUZZ_TRIES", "50"))
@@ -66,24 +66,24 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for name in (
-            "cli.bench.bench_regeneration",
-            "cli.bench_batch.bench_batch",
-            "cli.bench_step.bench_step",
-            "cli.campaign.fly_rows",
+            "cli.bench.regenerate.bench_regeneration",
+            "cli.bench.batch.bench_batch",
+            "cli.bench.step.bench_step",
+            "cli.flight.campaign.fly_rows",
             "api.main_job.Job.done",
-            "cli.reproduce._make",
+            "cli.paper.reproduce._make",
             "api.flights._fly_twin",
-            "derive.audit.library.audit",
+            "paper.audits.audit",
             "derive.certificate.certify.certify",
-            "derive.chain_peers.PEERS.items",
+            "benchmarks.chain_peers.PEERS.items",
             "derive.generation.generate",
             "derive.plan.planner._coarse",
             "derive.plan.planner.check_plan",
             "derive.verify.compare.verify",
-            "runtime.flight_program.fly_bare",
-            "runtime.flight_program.fly_qemu_user",
-            "runtime.sensing_bench.measured_estimators",
-            "runtime.toolchain._compile",
+            "runtime.flight.flight_program.fly_bare",
+            "runtime.flight.flight_program.fly_qemu_user",
+            "benchmarks.sensing.measured_estimators",
+            "runtime.machine.compile._compile",
         ):
             owner, _, member = f"pfaffian.{name}".rpartition(".")
             if member == "items":
@@ -91,7 +91,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Any:
             else:
                 patch.setattr(f"{owner}.{member}", _stop)
         from pfaffian.derive import pipeline
-        from pfaffian.runtime import scenario
+        from pfaffian.runtime.flight import scenario
 
         for name in ("lowered_model", "derivation_of"):
             patch.setattr(pipeline, name, _remembered(getattr(pipeline, name)))

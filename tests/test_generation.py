@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY, tree
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import lowered_model
+from pfaffian.derive.spec.library import find_model
 
 COMMITTED = REPOSITORY / "generated" / "pendubot"
 TOOLS = ("sympy", "casadi", "mpmath", "jinja2")

@@ -9,20 +9,21 @@ import re
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.hurwitz import (
+from pfaffian.derive.mechanics.hurwitz import (
     CLOSED_DEGREE,
     LONGEST,
     closed_conditions,
     coefficient_symbols,
     hurwitz_conditions,
 )
-from pfaffian.derive.library import find_model, library_models
+from pfaffian.derive.mechanics.zero_dynamics import ZeroDynamics
 from pfaffian.derive.models.pendubot.spec import PARAMETERS
-from pfaffian.derive.parameter_set import is_hurwitz, violated_bounds, zero_polynomial
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.routh import hurwitz_margins, routh_column, violated_rows
-from pfaffian.derive.spec import symbols_of
-from pfaffian.derive.zero_dynamics import ZeroDynamics
+from pfaffian.derive.sets.gains import is_hurwitz, zero_polynomial
+from pfaffian.derive.sets.parameter_set import violated_bounds
+from pfaffian.derive.sets.routh import hurwitz_margins, routh_column, violated_rows
+from pfaffian.derive.spec.library import find_model, library_models
+from pfaffian.derive.spec.model_spec import symbols_of
 from test_own_plant import FILES
 
 P = symbols_of(PARAMETERS)

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 from pfaffian.derive import pipeline
-from pfaffian.derive.library import find_model
-from pfaffian.runtime import import_closure as closure_module
-from pfaffian.runtime.import_closure import import_closure
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base import import_closure as closure_module
+from pfaffian.runtime.base.import_closure import import_closure, modules_in
 
 STAGES = {
     "derivation": (pipeline._DERIVATION, pipeline._AUTHORING),
@@ -17,24 +17,24 @@ STAGES = {
 }
 #: What runs each stage for real, cache off.
 RUN = {
-    "derivation": "from pfaffian.derive.derivation import derive; derive(find().load())",
-    "lowering": "from pfaffian.derive.derivation import derive\n"
-    "from pfaffian.derive.lower_model import lower_model\n"
+    "derivation": "from pfaffian.derive.derivation.derive import derive; derive(find().load())",
+    "lowering": "from pfaffian.derive.derivation.derive import derive\n"
+    "from pfaffian.derive.lower.model import lower_model\n"
     "lower_model(derive(find().load()), ())",
-    "jacobian": "from pfaffian.derive.derivation import derive\n"
-    "from pfaffian.derive.jacobian import jacobian_programs_of\n"
+    "jacobian": "from pfaffian.derive.derivation.derive import derive\n"
+    "from pfaffian.derive.lower.jacobian import jacobian_programs_of\n"
     "jacobian_programs_of(derive(find().load()))",
-    "single": "from pfaffian.derive.elementary_single import single_render_context\n"
+    "single": "from pfaffian.derive.elementary.single import single_render_context\n"
     "single_render_context()",
 }
 #: What the lines above import themselves to find the model.
-FINDS = {"pfaffian.derive.library"}
+FINDS = {"pfaffian.derive.spec.library"}
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_every_module_that_a_stage_really_imports_is_in_its_closure(stage):
     code = (
-        "def find():\n    from pfaffian.derive.library import find_model\n"
+        "def find():\n    from pfaffian.derive.spec.library import find_model\n"
         "    return find_model('cart_pole')\n"
         f"{RUN[stage]}\n"
         "import sys; print(*[n for n in sys.modules if n.startswith('pfaffian.')])"
@@ -108,3 +108,9 @@ def test_a_module_that_is_imported_in_whatever_way_is_followed(tmp_path, monkeyp
     assert found["pfaffian.room.c"] == texts["c"]
     with pytest.raises(ModuleNotFoundError, match=r"pfaffian\.room\.gone"):
         import_closure(("pfaffian.room.gone",))
+
+
+def test_what_a_specification_imports_is_in_its_key():
+    named = modules_in((find_model("chain").path / "spec.py").read_bytes())
+    assert "pfaffian.derive.mechanics.chain" in named
+    assert "pfaffian.derive.mechanics.chain" not in import_closure(STAGES["derivation"])

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 L1, LC1, LC2, M1, M2, I1, I2, G = 0.15, 0.09, 0.08, 0.09, 0.73, 0.0073, 0.0001, 9.8
 #: Hinges about -y turn x towards z, so that q1 is measured from the horizontal, upwards.

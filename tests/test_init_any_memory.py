@@ -6,9 +6,9 @@ init runs over zeros, ones and random bits, and every member must come out the s
 
 import numpy as np
 import pytest
-from pfaffian.runtime.control import host_control
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
-from pfaffian.runtime.sensing import host_sensing
+from pfaffian.runtime.code.controller import host_control
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.sensing import host_sensing
 from support_supervisor import HOST, init_in_place, parameters
 
 FOLDER = open_generated("pendubot")

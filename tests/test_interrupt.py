@@ -8,7 +8,8 @@ import time
 from pathlib import Path
 
 import pytest
-from pfaffian.cli.main import app, bench_app
+from pfaffian.cli.bench.commands import bench_app
+from pfaffian.cli.main import app
 from support_processes import check_ended, start
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
@@ -81,8 +82,8 @@ def test_an_interrupt_reaches_every_child(what, tmp_path):
     words, count, seen = DEEP[what]
     if seen == "qemu-ppc":
         pytest.importorskip("ziglang")
-        from pfaffian.runtime.errors import MissingToolError
-        from pfaffian.runtime.toolchain import program_target
+        from pfaffian.runtime.base.errors import MissingToolError
+        from pfaffian.runtime.machine.toolchain import program_target
 
         try:
             program_target("ppc750")
@@ -145,7 +146,7 @@ STAND_IN = """
 import os, sys, time
 from pathlib import Path
 from pfaffian.cli import entry
-from pfaffian.runtime import files
+from pfaffian.runtime.base import files
 
 def command():
     print("ready", flush=True)

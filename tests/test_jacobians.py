@@ -4,23 +4,22 @@ import mpmath as mp
 import numpy as np
 import pytest
 from conftest import tree
-from pfaffian.derive.design.linear_plant import state_space
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.design.place.linear_plant import state_space
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
+from pfaffian.derive.ir.names import PLANT_PREFIX
+from pfaffian.derive.ir.program import LOGICAL, Op
 from pfaffian.derive.pipeline import derivation_of, jacobian_programs, library_sets, lowered_model
-from pfaffian.derive.program import LOGICAL, PLANT_PREFIX, Op
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.sampling import draw
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.generated_model import GeneratedFolder, host_model
-from pfaffian.runtime.machine import HostMachine, Ppc750Machine
-from pfaffian.runtime.manifest import read_manifest
-from pfaffian.runtime.toolchain import (
-    compile_image,
-    harness_sources,
-    host_target,
-    ppc750_target,
-)
+from pfaffian.runtime.code.generated_model import GeneratedFolder, host_model
+from pfaffian.runtime.contract.manifest import read_manifest
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.emulator import Ppc750Machine
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.sources import harness_sources
+from pfaffian.runtime.machine.toolchain import host_target, ppc750_target
 from support_derivatives import DIGITS, Forward, at_50_digits, unit
 
 MODELS = ("pendubot", "pvtol")

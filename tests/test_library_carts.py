@@ -15,19 +15,19 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import polynomial_of
-from pfaffian.derive.parameters import read_set
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+from pfaffian.derive.sets.gains import polynomial_of
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import LIMIT_ULP, verify
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
 from pfaffian.derive.writer import drift
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
-from pfaffian.runtime.metrics import status_counts, tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.metrics import status_counts, tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
 
 Values = dict[str, float]
 Array = np.ndarray[Any, Any]
@@ -344,7 +344,7 @@ def test_the_generated_code_verifies(plant, name):
     source = find_model(name)
     model = lowered_model(source)
     sets = [s.as_dict() for s in library_sets(model, source)]
-    subjects = [PythonSubject(plant.folder), MachineSubject(plant.host, "c-host")]
+    subjects = [PythonUnderTest(plant.folder), CompiledUnderTest(plant.host, "c-host")]
     found = verify(derivation_of(source), model, sets, subjects, None, 300, 0)
     assert found.passed
     assert found.worst_scaled_ulp <= LIMIT_ULP

@@ -11,26 +11,26 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from pfaffian.derive.chain import chain, forward_dynamics
-from pfaffian.derive.derivation import derive
-from pfaffian.derive.library import find_model
+from pfaffian.derive.derivation.derive import derive
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.mechanics.chain import chain, forward_dynamics
 from pfaffian.derive.models.chain.spec import chain_model
-from pfaffian.derive.parameter_set import zero_polynomial
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.spec_check import check_spec
+from pfaffian.derive.sets.gains import zero_polynomial
+from pfaffian.derive.spec.check import check_spec
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import verify
 from pfaffian.derive.verify.oracle import Oracle
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.metrics import status_counts
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.metrics import status_counts
+from pfaffian.runtime.flight.scenario import read_scenario
 from scipy.linalg import solve_continuous_are
 
 COUNT = 300
@@ -170,7 +170,7 @@ def test_energy_is_kept_in_two_seconds_of_free_motion(host, values):
 
 
 def _verified(folder, source, host, target, target_samples):
-    subjects = [PythonSubject(folder), MachineSubject(host, "c-host")]
+    subjects = [PythonUnderTest(folder), CompiledUnderTest(host, "c-host")]
     found = verify(*source, subjects, target, samples=300, target_samples=target_samples)
     assert found.passed, found.worst_scaled_ulp
     return found
@@ -183,7 +183,7 @@ def test_generated_code_is_verified_on_the_host(folder, source, host):
 
 @pytest.mark.target
 def test_the_target_has_the_same_bits(folder, source, host):
-    target = MachineSubject(ppc750_model(folder), "c-ppc750")
+    target = CompiledUnderTest(ppc750_model(folder), "c-ppc750")
     found = _verified(folder, source, host, target, 300)
     assert found.target_samples == 300
     assert found.target_mismatches == 0

@@ -13,20 +13,20 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameters import read_set
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import LIMIT_ULP, verify
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.metrics import status_counts, tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.metrics import status_counts, tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
 
 #: Stands for an inertia that cannot matter: of a body that does not turn about that axis.
 _NEVER = "1"
@@ -280,7 +280,7 @@ def test_energy_is_kept_in_two_seconds_of_free_motion(rig):
 
 
 def _verified(rig, source, target, target_samples):
-    subjects = [PythonSubject(rig.folder), MachineSubject(rig.host, "c-host")]
+    subjects = [PythonUnderTest(rig.folder), CompiledUnderTest(rig.host, "c-host")]
     found = verify(*source, subjects, target, samples=300, target_samples=target_samples)
     assert found.passed
     assert found.worst_scaled_ulp <= LIMIT_ULP
@@ -294,7 +294,7 @@ def test_generated_code_is_verified_on_the_host(rig, source):
 
 @pytest.mark.target
 def test_the_target_has_the_same_bits(rig, source):
-    target = MachineSubject(ppc750_model(rig.folder), "c-ppc750")
+    target = CompiledUnderTest(ppc750_model(rig.folder), "c-ppc750")
     found = _verified(rig, source, target, 300)
     assert found.target_samples == 300
     assert found.target_mismatches == 0

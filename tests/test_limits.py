@@ -6,15 +6,15 @@ The propositions are those of docs/sampled-law.md.
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.runtime.flight.scenario import read_scenario
 from test_c_safety import AT_ZERO, LARGEST, NEAR_SINGULAR, OK, SATURATED, TINY, sensible
 
 FOLDER = open_generated("pendubot")
@@ -124,7 +124,7 @@ def test_the_slew_limit_of_section_5_never_binds_and_that_of_the_rig_not_in_bala
     for name in ("sim", "sim-designed"):
         values = FOLDER.parameters(name)
         assert values["sample_time"] * values["slew_limit"] > 2.0 * values["torque_limit"]
-    from pfaffian.runtime.flight import fly
+    from pfaffian.runtime.flight.closed_loop import fly
 
     model = host_model(FOLDER)
     flight = fly(read_scenario("rig-balance"), model, model, "host")

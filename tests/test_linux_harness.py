@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.flight_program import first_frame, record_type, trajectory_of
-from pfaffian.runtime.generated_model import host_model
-from pfaffian.runtime.linux_harness import run_harness
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.toolchain import GCC_PPC
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.code.generated_model import host_model
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.flight_program import first_frame, record_type, trajectory_of
+from pfaffian.runtime.flight.linux_harness import run_harness
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.machine.toolchain import GCC_PPC
 
 SOAK = int(os.environ.get("PFAFFIAN_SOAK_STEPS", "60000"))
 SCENARIO = replace(read_scenario("section-5.1-designed"), steps=1500)

@@ -6,11 +6,12 @@ import math
 import mpmath
 import pytest
 import sympy as sp
-from pfaffian.derive.block import BlockBuilder
-from pfaffian.derive.elementary_fit import to_single
-from pfaffian.derive.functions import side
-from pfaffian.derive.lowering import _without_dead, lower
-from pfaffian.derive.program import Instruction, Op, evaluate
+from pfaffian.derive.elementary.fit import to_single
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.program import Instruction, Op
+from pfaffian.derive.lower.to_program import _without_dead, lower
+from pfaffian.derive.symbolic.block import BlockBuilder
+from pfaffian.derive.symbolic.functions import side
 
 X, Y, Z = sp.symbols("x y z", real=True)
 

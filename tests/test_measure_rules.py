@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.reproduce.cases import DURATION, FRICTION, START
-from pfaffian.runtime.reproduce.measures import accumulated, measures
+from pfaffian.paper.simulations.cases import DURATION, FRICTION, START
+from pfaffian.paper.simulations.measures import accumulated, measures
+from pfaffian.runtime.flight.metrics import tracking_metrics
 
 TIME = np.array([0.0, 1.0, 3.0, 3.5])
 Q1, Q2 = np.array([2.0, -1.0, 0.5, -0.25]), np.array([0.0, 4.0, -1.0, 3.0])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.generated_model import open_generated
+from pfaffian.runtime.code.generated_model import open_generated
 
 needs_cppcheck = pytest.mark.skipif(
     not shutil.which("cppcheck"), reason="needs cppcheck: apt-get install cppcheck"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.library import ModelFolder
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.spec.library import ModelFolder
+from pfaffian.runtime.base.errors import InputError
 
 SPEC = """import sympy as sp
 from sympy.physics.mechanics import dynamicsymbols

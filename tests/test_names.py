@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from conftest import REPOSITORY
 from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.emit.control import control_structures
+from pfaffian.derive.emit.files.controller import control_structures
 from pfaffian.derive.emit.statements import with_local_names
-from pfaffian.derive.own_names import OwnNames
-from pfaffian.derive.program import Instruction, Op, Program
-from pfaffian.derive.reserved_names import CONTROLLER, objection, reserved_words
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.subjects import MachineSubject
+from pfaffian.derive.ir.own_names import OwnNames
+from pfaffian.derive.ir.program import Instruction, Op, Program
+from pfaffian.derive.spec.reserved_names import CONTROLLER, objection, reserved_words
+from pfaffian.derive.verify.subjects import CompiledUnderTest
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 from support_names import (
     NAMES,
     OURS,
@@ -93,7 +93,7 @@ def two_masses(folder, actuator):
     values = {n: rng.normal(0.0, size, 500) for n, size in inputs.items()}
     values |= {n: np.full(500, v) for n, v in code.parameters("lab").items()}
     values["torque_limit"] = np.full(500, 5.0)
-    return code, MachineSubject(host_model(code), "c-host").evaluate("step", values)
+    return code, CompiledUnderTest(host_model(code), "c-host").evaluate("step", values)
 
 
 @pytest.fixture(scope="module")

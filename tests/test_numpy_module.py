@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from pfaffian.runtime.generated_model import host_model, open_generated
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 from test_c_safety import garbage, is_finite, raw, sensible
 
 FOLDER = open_generated("pendubot")

@@ -7,16 +7,17 @@ from dataclasses import replace
 
 import mpmath
 import pytest
-from pfaffian.derive.emit.finite import values_to_check
-from pfaffian.derive.library import find_model
-from pfaffian.derive.lowering import lower
+from pfaffian.derive.emit.finiteness import values_to_check
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.program import Instruction, Op, Program, Signal
+from pfaffian.derive.ir.ranges import PLAIN_DOMAINS, plain_calls, ranges
+from pfaffian.derive.lower.to_program import lower
 from pfaffian.derive.optimise.bake import bake
+from pfaffian.derive.optimise.hoist import hoist
 from pfaffian.derive.optimise.passes import EMITTED, PASSES, optimise
-from pfaffian.derive.optimise.prepare import hoist
-from pfaffian.derive.optimise.ranges import PLAIN_DOMAINS, plain_calls, ranges
 from pfaffian.derive.optimise.schedule import call_early
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.program import Instruction, Op, Program, Signal, evaluate
+from pfaffian.derive.spec.library import find_model
 
 MODELS = ("pendubot", "two_wheeled", "pvtol", "chain")
 #: Passes that change no bit: what they do is exact in floating point too.
@@ -229,7 +230,7 @@ def test_a_plain_form_is_chosen_only_inside_its_domain():
 
 
 def test_plain_domains_lie_inside_those_of_the_emitted_functions():
-    from pfaffian.derive.elementary import SINCOS_MAX
+    from pfaffian.derive.elementary.coefficients import SINCOS_MAX
 
     assert PLAIN_DOMAINS[Op.SIN] == PLAIN_DOMAINS[Op.COS] == (-SINCOS_MAX, SINCOS_MAX)
     least, most = PLAIN_DOMAINS[Op.SQRT]

@@ -6,16 +6,17 @@ from fractions import Fraction
 
 import mpmath
 import pytest
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.program import Instruction, Op, Program, Signal
+from pfaffian.derive.ir.ranges import ranges, unbounded
 from pfaffian.derive.optimise.angle_sums import reuse_angle_sums
 from pfaffian.derive.optimise.bake import bake
-from pfaffian.derive.optimise.comparisons import share_comparisons
-from pfaffian.derive.optimise.divisions import share_divisions
-from pfaffian.derive.optimise.multiply_add import fuse_multiply_adds
+from pfaffian.derive.optimise.choose_signs import add_negatives, choose_signs
+from pfaffian.derive.optimise.fuse_multiply_adds import fuse_multiply_adds
 from pfaffian.derive.optimise.parameter_products import gather_parameters, negate_parameters
 from pfaffian.derive.optimise.passes import merge_equal_values
-from pfaffian.derive.optimise.ranges import ranges, unbounded
-from pfaffian.derive.optimise.signs import add_negatives, choose_signs
-from pfaffian.derive.program import Instruction, Op, Program, Signal, evaluate
+from pfaffian.derive.optimise.share_comparisons import share_comparisons
+from pfaffian.derive.optimise.share_divisions import share_divisions
 from test_optimiser import exactly
 
 X, Y, P, R = (("x", "input"), ("y", "input"), ("p", "parameter"), ("r", "parameter"))

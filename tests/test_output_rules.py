@@ -7,9 +7,9 @@ import math
 import pytest
 from pfaffian.cli import output
 from pfaffian.cli.sheet import print_table
-from pfaffian.runtime import errors
-from pfaffian.runtime.documents import suggestion
-from pfaffian.runtime.files import write_outputs
+from pfaffian.runtime.base import errors
+from pfaffian.runtime.base.files import write_outputs
+from pfaffian.runtime.base.toml import suggestion
 from rich.console import Console
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from pfaffian.cli import output
-from pfaffian.runtime import cache, files
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base import cache, files
+from pfaffian.runtime.base.errors import InputError
 
 #: Every option that writes a file, with its suffix; "" takes any.
 FILES = {

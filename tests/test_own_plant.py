@@ -119,7 +119,7 @@ def test_a_slide_of_twenty_tons_with_friction_of_its_own_is_generated(plant, run
     text = spec.read_text(encoding="utf-8").replace(
         '"made up here")', '"made up here", domain=LABORATORY)'
     )
-    needed = "from pfaffian.derive.law_parameters import LABORATORY\n"
+    needed = "from pfaffian.derive.spec.standard_parameters import LABORATORY\n"
     spec.write_text(needed + text, encoding="utf-8")
     says = ("slide/lab.toml: parameters.mass: mass = 20000 kg is out of bounds",)
     refused("generate", "./slide", "-o", "bounded", says=says)

@@ -19,14 +19,14 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("api", "derive", "generated", "runtime", "templates", "cli")
+FOLDERS = ("api", "derive", "generated", "runtime", "templates", "cli", "paper", "benchmarks")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 #: One file each of what has been lost from wheels before: code, templates, C, data.
 NEEDED = (
     *("api/model.py", "__init__.py", "py.typed"),
-    *("derive/lagrange.py", "derive/emit/c.py", "derive/models/pendubot/spec.py"),
+    *("derive/mechanics/lagrange.py", "derive/emit/files/c.py", "derive/models/pendubot/spec.py"),
     *("derive/models/pendubot/sim.toml", "derive/verify/__init__.py", "cli/main.py"),
-    *("templates/c/controller.c.j2", "templates/python/model.py.j2", "runtime/c/pf_harness.c"),
+    *("templates/c/step.c.j2", "templates/python/model.py.j2", "runtime/c/pf_harness.c"),
     *("templates/bench/hand.c", "templates/bench/hand.h"),
     *("runtime/c/pf_sensing.c", "runtime/c/pf_sensing.h", "runtime/c/pf_sensing_harness.c"),
     *("runtime/c/pf_supervisor.c", "runtime/c/pf_supervisor.h"),
@@ -156,6 +156,7 @@ def test_wheel_declares_its_command_and_its_dependencies(wheel):
 _WHERE = """
 import importlib, json
 names = [f"pfaffian.{n}" for n in ("api", "derive", "generated", "runtime", "templates", "cli")]
+names += ["pfaffian.paper", "pfaffian.benchmarks"]
 print(json.dumps({n: importlib.import_module(n).__file__ for n in names}))
 """
 
@@ -169,7 +170,11 @@ def test_every_package_is_imported_from_the_wheel(fresh):
 _EVERY = """
 import importlib, pkgutil, sys
 import pfaffian.api, pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated
-for package in (pfaffian.api, pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated):
+import pfaffian.paper, pfaffian.benchmarks
+for package in (
+    *(pfaffian.api, pfaffian.derive, pfaffian.runtime, pfaffian.cli, pfaffian.generated),
+    *(pfaffian.paper, pfaffian.benchmarks),
+):
     for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         importlib.import_module(found.name)
 print(*(n for n in sys.modules if n.startswith("pfaffian.")))
@@ -178,7 +183,9 @@ print(*(n for n in sys.modules if n.startswith("pfaffian.")))
 
 def test_every_module_can_be_imported(fresh):
     loaded = run(fresh.python, "-c", _EVERY, cwd=fresh.empty).split()
-    assert {"pfaffian.derive.lowering", "pfaffian.runtime.flight"} <= set(loaded)
+    assert {"pfaffian.derive.lower.to_program", "pfaffian.runtime.flight.closed_loop"} <= set(
+        loaded
+    )
     assert "pfaffian.generated.pendubot.pendubot" in loaded
 
 
@@ -236,7 +243,7 @@ def test_installed_package_is_typed_and_its_client_runs(fresh):
 
 
 def python_files():
-    folders = (*FOLDERS, "tests", "benchmarks", "docs")
+    folders = (*FOLDERS, "tests", "docs")
     return [p for f in folders for p in sorted((ROOT / f).rglob("*.py"))]
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameters import read_set
 from pfaffian.derive.pipeline import lowered_model, parameter_set
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.toolchain import compile_image, host_target
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.toolchain import host_target
 
 SOURCE = find_model("pendubot")
 #: Values that a careless printer or reader would spoil; k1 is the least there is.

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.library import LIBRARY, find_model
-from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.derivation.derive import Derivation
 from pfaffian.derive.pipeline import derivation_of, lowered_model, parameter_set
 from pfaffian.derive.plan.check import DEFECT_TOLERANCE, check_plan
 from pfaffian.derive.plan.document import plan_text, read_plan, write_plan
@@ -22,7 +20,9 @@ from pfaffian.derive.plan.plant import casadi_rates, numeric_plant
 from pfaffian.derive.plan.problem import PlanOptions
 from pfaffian.derive.plan.reference import Curve, torque_at
 from pfaffian.derive.plan.riccati import Linearised
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.derive.spec.library import LIBRARY, find_model
+from pfaffian.runtime.base.errors import CheckError, InputError
 from scipy.integrate import solve_ivp
 
 RIG = LIBRARY / "pendubot/plans/rig.json"

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pfaffian.derive.emit import plan_table
-from pfaffian.derive.emit.plan_table import hermite
-from pfaffian.derive.library import LIBRARY
 from pfaffian.derive.plan import check
 from pfaffian.derive.plan.check import DEFECT_TOLERANCE, PlanCheck
 from pfaffian.derive.plan.document import read_plan
 from pfaffian.derive.plan.reference import Curve, torque_at
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets import plan_table
+from pfaffian.derive.sets.plan_table import hermite
+from pfaffian.derive.spec.library import LIBRARY
+from pfaffian.runtime.base.errors import InputError
 
 
 def cubic(t):
@@ -111,10 +111,10 @@ def test_the_energy_used_is_the_integral_of_the_power_s_size(monkeypatch):
 
 def test_the_row_rates_of_a_fresh_plan_are_differences_of_its_rows(rig):
     """The path is integrated again here, so that what computes the rates is what is judged."""
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of
     from pfaffian.derive.plan.plant import casadi_rates
     from pfaffian.derive.plan.riccati import riccati_path
+    from pfaffian.derive.spec.library import find_model
 
     derivation = derivation_of(find_model("pendubot"))
     rates = casadi_rates(derivation, dict(rig.problem.parameters))

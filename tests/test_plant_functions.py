@@ -17,14 +17,14 @@ import mujoco
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.array_operations import evaluate_at
-from pfaffian.derive.block import Block, Definition
-from pfaffian.derive.certificate.intervals import enclose
-from pfaffian.derive.dimensions import dimension_of
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.emit.precision import DOUBLE, SINGLE
 from pfaffian.derive.generation import generate
-from pfaffian.derive.lowering import lower
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.evaluate_arrays import evaluate_at
+from pfaffian.derive.ir.intervals import enclose
+from pfaffian.derive.ir.program import Program, Signal
+from pfaffian.derive.lower.to_program import lower
 from pfaffian.derive.pipeline import (
     derivation_of,
     jacobian_programs,
@@ -32,20 +32,21 @@ from pfaffian.derive.pipeline import (
     lowered_model,
     single_elementary,
 )
-from pfaffian.derive.program import Program, Signal, evaluate
-from pfaffian.derive.supported import first_unsupported
-from pfaffian.derive.swing_up_limit import enclosed
+from pfaffian.derive.sets.swing_up_limit import enclosed
+from pfaffian.derive.symbolic.block import Block, Definition
+from pfaffian.derive.symbolic.supported import first_unsupported
+from pfaffian.derive.symbolic.units import dimension_of
 from pfaffian.derive.verify.compare import verify
 from pfaffian.derive.verify.sampling import draw
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import (
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     generated_models,
     host_model,
     open_generated,
 )
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
 from support_elementary import BASE_FLAGS, WARNINGS, run
 from support_plants import spec_text, written_plant
 
@@ -179,7 +180,7 @@ UNLIKE = {
 
 @pytest.mark.parametrize("what", DIMENSIONS)
 def test_units_follow_roots_and_choices(what: str) -> None:
-    from pfaffian.runtime.quantity import unit_registry
+    from pfaffian.runtime.base.quantity import unit_registry
 
     expression, unit = DIMENSIONS[what]
     wanted = unit_registry().parse_units(unit).dimensionality
@@ -371,7 +372,7 @@ def test_verification_judges_where_the_formulas_are_real(generated: Any) -> None
     assert np.all(root > 0.0)
     assert np.any(drawn["r"] > drawn["l"])  # the bounds allow it: judged where it is real
     found = verify(
-        derivation, plant.model, sets, [MachineSubject(plant.code, "c-host")], None, 150, 0
+        derivation, plant.model, sets, [CompiledUnderTest(plant.code, "c-host")], None, 150, 0
     )
     assert found.passed, found
 
@@ -396,7 +397,7 @@ def test_every_kind_of_function_is_emitted_in_every_form(generated: Any, tmp_pat
     }
     derivation = derivation_of(plant.source)
     values = [dict(s.values) for s in sets]
-    subjects = [PythonSubject(plant.code.folder), MachineSubject(plant.code, "c-host")]
+    subjects = [PythonUnderTest(plant.code.folder), CompiledUnderTest(plant.code, "c-host")]
     found = verify(derivation, plant.model, values, subjects, None, 40, 0)
     assert found.passed, found
 

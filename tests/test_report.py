@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pfaffian.runtime.flight import Trajectory
-from pfaffian.runtime.generated_model import GeneratedFolder
-from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.report import ReportData, WholeFlight, flight_labels, mathml, render_report
-from pfaffian.runtime.report_figures import number_text, symbol_text, two_link_lengths, unit_text
-from pfaffian.runtime.scenario import Scenario, read_scenario
+from pfaffian.runtime.code.generated_model import GeneratedFolder
+from pfaffian.runtime.contract.dtypes import layout_of
+from pfaffian.runtime.flight.closed_loop import Trajectory
+from pfaffian.runtime.flight.metrics import tracking_metrics
+from pfaffian.runtime.flight.scenario import Scenario, read_scenario
+from pfaffian.runtime.report.figures import number_text, symbol_text, two_link_lengths, unit_text
+from pfaffian.runtime.report.mathml import mathml
+from pfaffian.runtime.report.page import ReportData, WholeFlight, flight_labels, render_report
 
 _VOID = {"meta", "input", "br", "hr", "img", "link"}
 _SCENARIOS = ("section-5.1-paper", "section-5.1-designed")
@@ -106,7 +107,7 @@ def page(flights: tuple[Trajectory, ...]) -> str:
 @pytest.fixture
 def _no_histories(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the slow figures where a test is about the words."""
-    monkeypatch.setattr("pfaffian.runtime.report.history_figures", lambda flights, labels: ())
+    monkeypatch.setattr("pfaffian.runtime.report.page.history_figures", lambda flights, labels: ())
 
 
 class _Structure(HTMLParser):
@@ -389,7 +390,7 @@ def test_labels_tell_flights_apart(flights: tuple[Trajectory, ...]) -> None:
 
 def test_imports_nothing_of_compile_time() -> None:
     script = (
-        "import sys, pfaffian.runtime.report; "
+        "import sys, pfaffian.runtime.report.page; "
         "sys.exit(any(m.split('.')[0] in ('sympy', 'casadi') or m.startswith('pfaffian.derive') "
         "for m in sys.modules))"
     )

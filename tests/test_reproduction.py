@@ -8,14 +8,12 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from pfaffian.derive.design.linear_plant import state_space
-from pfaffian.derive.library import find_model
+from pfaffian.derive.design.place.linear_plant import state_space
 from pfaffian.derive.pipeline import derivation_of, lowered_model
-from pfaffian.derive.reproduce.independent import closed_loop, fly_independent
-from pfaffian.derive.reproduce.theorem import judge
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.reproduce.baseline import linear_plant, lqr_gain
-from pfaffian.runtime.reproduce.cases import (
+from pfaffian.derive.spec.library import find_model
+from pfaffian.paper.simulations.as_printed import adaptation_gain, printed_gain
+from pfaffian.paper.simulations.baseline import linear_plant, lqr_gain
+from pfaffian.paper.simulations.cases import (
     DERIVED,
     DESIGNED,
     LQR,
@@ -26,12 +24,14 @@ from pfaffian.runtime.reproduce.cases import (
     damping,
     with_printed_adaptation,
 )
-from pfaffian.runtime.reproduce.engine import agreement
-from pfaffian.runtime.reproduce.fly import CVODES, STALLED, Task, fly, pack_run, read_run
-from pfaffian.runtime.reproduce.loop import SIGNALS, Loop
-from pfaffian.runtime.reproduce.measures import measures
-from pfaffian.runtime.reproduce.plan import REST, USED, main_task
-from pfaffian.runtime.reproduce.printed import adaptation_gain, printed_gain
+from pfaffian.paper.simulations.fly import CVODES, STALLED, Task, fly, pack_run, read_run
+from pfaffian.paper.simulations.independent import closed_loop, fly_independent
+from pfaffian.paper.simulations.loop import SIGNALS, Loop
+from pfaffian.paper.simulations.measures import measures
+from pfaffian.paper.simulations.mujoco import agreement
+from pfaffian.paper.simulations.runs import REST, USED, main_task
+from pfaffian.paper.verdicts.theorem import judge
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 from scipy.optimize import fsolve
 
 FOLDER = open_generated("pendubot")

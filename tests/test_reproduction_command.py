@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.derive.reproduce.choices import cut
-from pfaffian.derive.reproduce.claims import contradiction
-from pfaffian.derive.reproduce.evidence import Evidence, frequencies, graded
-from pfaffian.derive.reproduce.sampled import Sampled, figures_of
-from pfaffian.derive.reproduce.tables import Comparison, compare, unsettled
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.reproduce import registry
-from pfaffian.runtime.reproduce.cases import DERIVED, DESIGNED, TERMS, case_of, lasting, softened
-from pfaffian.runtime.reproduce.drawing import thinned
-from pfaffian.runtime.reproduce.figures import FIGURES
-from pfaffian.runtime.reproduce.fly import Task, fly
-from pfaffian.runtime.reproduce.loop import SIGNALS, Loop
-from pfaffian.runtime.reproduce.measures import accumulated, measures
-from pfaffian.runtime.reproduce.plan import (
+from pfaffian.paper import sections as registry
+from pfaffian.paper.results.drawing import thinned
+from pfaffian.paper.results.result import FAILS, HOLDS, PARTLY, SectionResult
+from pfaffian.paper.simulations.cases import DERIVED, DESIGNED, TERMS, case_of, lasting, softened
+from pfaffian.paper.simulations.fly import Task, fly
+from pfaffian.paper.simulations.loop import SIGNALS, Loop
+from pfaffian.paper.simulations.measures import accumulated, measures
+from pfaffian.paper.simulations.runs import (
     PERIODS,
     Check,
     choice_tasks,
@@ -33,7 +25,13 @@ from pfaffian.runtime.reproduce.plan import (
     softened_tasks,
     variant_tasks,
 )
-from pfaffian.runtime.reproduce.result import FAILS, HOLDS, PARTLY, SectionResult
+from pfaffian.paper.verdicts.choices import cut
+from pfaffian.paper.verdicts.claims import contradiction
+from pfaffian.paper.verdicts.evidence import Evidence, Sampled, frequencies, graded
+from pfaffian.paper.verdicts.figures import FIGURES
+from pfaffian.paper.verdicts.sampled import figures_of
+from pfaffian.paper.verdicts.tables import Comparison, compare, unsettled
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 
 FOLDER = open_generated("pendubot")
 
@@ -145,25 +143,10 @@ def test_an_output_that_is_a_file_is_refused(run, tmp_path):
 
 def test_a_section_made_elsewhere_plugs_in(monkeypatch):
     made = SectionResult(figures=())
-    module = ModuleType("pfaffian_section_made_elsewhere")
-    module.make = lambda name, request: made
-    module.__spec__ = registry.importlib.machinery.ModuleSpec(module.__name__, None)
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    section = replace(registry.SECTIONS["section-6"], provider=module.__name__)
+    section = replace(registry.SECTIONS["section-6"], maker=lambda: lambda name, request: made)
     monkeypatch.setitem(registry.SECTIONS, "section-6", section)
     assert "section-6" in [c.section.name for c in registry.choices("all")]
-    assert registry.left_out() == []
     assert section.maker()("section-6", None) is made
-
-
-def test_a_section_without_its_maker_says_so(monkeypatch, run, tmp_path):
-    section = replace(registry.SECTIONS["section-6"], provider="pfaffian.derive.not_there")
-    monkeypatch.setitem(registry.SECTIONS, "section-6", section)
-    monkeypatch.setenv("PFAFFIAN_CACHE", "off")
-    found = run("reproduce", "section-6", "-o", tmp_path / "x", "--json")
-    assert found.code == 3
-    assert "section-6" not in [c.section.name for c in registry.choices("all")]
-    assert registry.left_out()
 
 
 # --- how verdicts are decided -------------------------------------------------------------------

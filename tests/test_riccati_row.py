@@ -10,11 +10,11 @@ import pytest
 import sympy as sp
 from pfaffian.derive.design import assess
 from pfaffian.derive.design.assess import with_values
-from pfaffian.derive.design.linear_plant import state_space
-from pfaffian.derive.design.riccati import read_weights, riccati_row
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import zero_polynomial
+from pfaffian.derive.design.place.linear_plant import state_space
+from pfaffian.derive.design.place.riccati import read_weights, riccati_row
 from pfaffian.derive.pipeline import lowered_model, parameter_set
+from pfaffian.derive.sets.gains import zero_polynomial
+from pfaffian.derive.spec.library import find_model
 from scipy.linalg import expm
 
 SOURCE = find_model("pendubot")

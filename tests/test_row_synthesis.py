@@ -7,11 +7,11 @@ import itertools
 import mpmath
 import numpy as np
 import pytest
-from pfaffian.derive.library import ModelFolder, find_model
-from pfaffian.derive.parameter_set import polynomial_of, synthesise_gains, zero_polynomial
+from pfaffian.derive.ir.evaluate import evaluate
 from pfaffian.derive.pipeline import library_sets, lowered_model
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.row_synthesis import row_for_polynomial
+from pfaffian.derive.sets.gains import polynomial_of, synthesise_gains, zero_polynomial
+from pfaffian.derive.sets.gains_from_poles import row_for_polynomial
+from pfaffian.derive.spec.library import ModelFolder, find_model
 from scipy.signal import ss2tf
 
 LINKS = """import sympy as sp

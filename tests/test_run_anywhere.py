@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from conftest import tree
-from pfaffian.derive.library import library_models
-from pfaffian.runtime.scenario_files import report_scenarios, scenario_paths
+from pfaffian.derive.spec.library import library_models
+from pfaffian.runtime.flight.scenario_files import report_scenarios, scenario_paths
 
 pytestmark = pytest.mark.target
 ALL = os.environ.get("PFAFFIAN_RUN_ALL") == "1"
@@ -110,8 +110,8 @@ def test_more_samples_than_could_ever_end_are_refused(call, samples, refused):
 
 def test_the_printed_rates_of_every_model_have_no_empty_index():
     """A rate without an index was printed as `\\dot{x}_`, which takes what follows for one."""
-    from pfaffian.runtime.generated_model import generated_models
-    from pfaffian.runtime.report import mathml
+    from pfaffian.runtime.code.generated_model import generated_models
+    from pfaffian.runtime.report.mathml import mathml
 
     for name, folder in generated_models().items():
         document = json.loads((folder / "derivation.json").read_text())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pfaffian.derive.generation import Generation
 from pfaffian.derive.writer import drift
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.manifest import ABI_VERSION, MANIFEST_NAME, read_manifest
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.contract.manifest import ABI_VERSION, MANIFEST_NAME, read_manifest
 
 
 def test_an_array_of_another_length_is_refused():

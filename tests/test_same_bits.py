@@ -10,22 +10,18 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.runtime.code.generated_model import (
     GeneratedModel,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.machine import HostMachine
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.toolchain import (
-    GCC_PPC,
-    compile_image,
-    harness_sources,
-    host_target,
-    processor_has_fma,
-)
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.sources import harness_sources
+from pfaffian.runtime.machine.toolchain import GCC_PPC, host_target, processor_has_fma
 from test_c_safety import garbage, raw, sensible
 
 FOLDER = open_generated("pendubot")
@@ -128,7 +124,7 @@ def test_a_flight_is_the_same_to_the_bit(flight, reference, name):
 
 @needs_fma
 def test_the_model_that_flies_is_built_with_the_fused_multiply_add(monkeypatch):
-    from pfaffian.runtime import generated_model
+    from pfaffian.runtime.code import generated_model
 
     seen = []
     monkeypatch.setattr(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 COUNT = 4000
 

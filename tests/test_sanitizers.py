@@ -6,9 +6,9 @@ import subprocess
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.toolchain import controller_sources, harness_sources, runtime_c
+from pfaffian.runtime.code.generated_model import open_generated
+from pfaffian.runtime.contract.dtypes import layout_of
+from pfaffian.runtime.machine.sources import controller_sources, harness_sources, runtime_c
 from test_c_safety import garbage, sensible
 
 CHECKS = "address,undefined,float-cast-overflow"
@@ -100,7 +100,7 @@ def samples(code, rng, wild):
 
 
 def simple(code, rng):
-    from pfaffian.runtime.generated_model import fill_records, host_model
+    from pfaffian.runtime.code.generated_model import fill_records, host_model
 
     model = host_model(code)
     values = next(iter(code.manifest.parameter_sets.values()))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from pfaffian.derive.law_parameters import LABORATORY, Domain, law_parameters
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import lowered_model
-from pfaffian.derive.spec import Actuator
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.spec.model_spec import Actuator
+from pfaffian.derive.spec.standard_parameters import LABORATORY, Domain, law_parameters
 
 MIRROR = """\
 import sympy as sp

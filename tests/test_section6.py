@@ -10,27 +10,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.derive.reproduce import experiment
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.reproduce import rig_failures, rig_figures, rig_tables
-from pfaffian.runtime.reproduce.animation import animated_flight, shown_csv
-from pfaffian.runtime.reproduce.baseline import lqr_gain
-from pfaffian.runtime.reproduce.drawing import Image
-from pfaffian.runtime.reproduce.page import render_page
-from pfaffian.runtime.reproduce.result import Drawn, SectionResult
-from pfaffian.runtime.reproduce.rig_flights import (
+from pfaffian.paper.page import render_page
+from pfaffian.paper.results.drawing import Image
+from pfaffian.paper.results.result import Drawn, SectionResult
+from pfaffian.paper.rig import failures as rig_failures
+from pfaffian.paper.rig import figures as rig_figures
+from pfaffian.paper.rig import section_6 as experiment
+from pfaffian.paper.rig import tables as rig_tables
+from pfaffian.paper.rig.flights import (
     LAWS,
     RIGS,
     WINDOW,
     case_of,
-    entered_at,
     errors_of,
     fly_recorded,
     measured,
     swing_of,
 )
-from pfaffian.runtime.twin.campaign import read_campaign
-from pfaffian.runtime.twin.read import read_twin
+from pfaffian.paper.simulations.baseline import lqr_gain
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.report.animation import animated_flight, shown_csv
+from pfaffian.runtime.twin.files.campaign import read_campaign
+from pfaffian.runtime.twin.files.read import read_twin
+from pfaffian.runtime.twin.recording import entered_at
 
 FOLDER = open_generated("pendubot")
 
@@ -140,7 +142,7 @@ def test_the_page_offers_what_a_moving_figure_has(flights):
     film, data = animated_flight(flight), shown_csv(flight)
     moving = Drawn("flight", 0, "6", "The flight", "", Image(film, None), data)
     assert moving.kinds == ("svg", "csv")
-    page = render_page({"section-6": SectionResult((moving,))}, FOLDER.manifest, "x", [])
+    page = render_page({"section-6": SectionResult((moving,))}, FOLDER.manifest, "x")
     assert "figures/flight.csv" in page
     assert "figures/flight.pdf" not in page
     rows = list(csv.DictReader(io.StringIO(data.decode())))

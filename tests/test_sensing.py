@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.sensing import (
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.sensing import (
     BAD_PARAMETER,
-    ESTIMATORS,
     JUMP,
     LOST,
     MISSING,
@@ -23,6 +22,7 @@ from pfaffian.runtime.sensing import (
     host_sensing,
     ppc750_sensing,
 )
+from pfaffian.runtime.contract.runtime_structs import ESTIMATORS
 
 HOST = host_sensing()
 PAPER = SensingParameters()
@@ -390,7 +390,7 @@ def test_a_memory_that_was_overwritten_is_stale_at_once(spoiled):
 @pytest.mark.target
 @pytest.mark.parametrize("toolchain", ["zig", "gcc"])
 def test_host_and_powerpc_give_the_same_bits(toolchain):
-    from pfaffian.runtime.errors import MissingToolError
+    from pfaffian.runtime.base.errors import MissingToolError
 
     try:
         target = ppc750_sensing(toolchain)

@@ -8,9 +8,9 @@ import sys
 from importlib.util import find_spec
 
 import pytest
-from pfaffian.runtime.sensing import sensing_sources
-from pfaffian.runtime.target_files import read_target
-from pfaffian.runtime.toolchain import COMMON_FLAGS, GCC_PPC
+from pfaffian.runtime.code.sensing import sensing_sources
+from pfaffian.runtime.machine.target_files import read_target
+from pfaffian.runtime.machine.toolchain import COMMON_FLAGS, GCC_PPC
 
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wshadow"),

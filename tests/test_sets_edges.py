@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from pfaffian.derive.library import find_model
-from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.parameters import Parameter, read_set
+from pfaffian.derive.ir.parameter import Parameter
 from pfaffian.derive.pipeline import lowered_model
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.derive.sets.raw_set import read_set
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.quantity import parse_quantity
 
 SOURCE = find_model("pendubot")
 

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import verify
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.metrics import tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
 
 COUNT = 2000
 
@@ -75,8 +75,8 @@ def test_sideways_motion_has_the_zero_dynamics_worked_out_by_hand(source):
 
 @pytest.mark.target
 def test_generated_code_is_verified_in_every_language(source, code, host):
-    subjects = [PythonSubject(code), MachineSubject(host, "c-host")]
-    target = MachineSubject(ppc750_model(code), "c-ppc750")
+    subjects = [PythonUnderTest(code), CompiledUnderTest(host, "c-host")]
+    target = CompiledUnderTest(ppc750_model(code), "c-ppc750")
     found = verify(*source, subjects, target, samples=600, target_samples=600)
     assert found.passed, found.worst_scaled_ulp
 

@@ -8,20 +8,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.array_operations import evaluate_at
-from pfaffian.derive.block import BlockBuilder
 from pfaffian.derive.certificate import certify as stage
 from pfaffian.derive.certificate import uncertainty
-from pfaffian.derive.certificate.intervals import enclose
 from pfaffian.derive.certificate.region import Region
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem
-from pfaffian.derive.library import find_model
-from pfaffian.derive.lowering import lower
+from pfaffian.derive.ir.evaluate_arrays import evaluate_at
+from pfaffian.derive.ir.intervals import enclose
+from pfaffian.derive.lower.to_program import lower
 from pfaffian.derive.pipeline import derivation_of
-from pfaffian.runtime.continuous import ContinuousLoop, fly_continuous, record
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.symbolic.block import BlockBuilder
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.flight.continuous import ContinuousLoop, fly_continuous, record
+from pfaffian.runtime.flight.scenario import read_scenario
 
 BOX = {
     "x": (-0.6, 0.6),

@@ -9,22 +9,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.block import BlockBuilder
-from pfaffian.derive.derivation import derive
-from pfaffian.derive.design.linear_plant import residual_rows, state_space
+from pfaffian.derive.derivation.derive import derive
 from pfaffian.derive.design.nearest import REACH, nearest_zero
-from pfaffian.derive.design.poles import gains_for_poles, placement_for_poles
-from pfaffian.derive.design.regular_form import placed_rows, spread_poles
-from pfaffian.derive.design.riccati import read_weights, riccati_row
-from pfaffian.derive.design.row_space import row_gap
-from pfaffian.derive.library import find_model
-from pfaffian.derive.lower_model import lower_model
-from pfaffian.derive.lowering import lower
-from pfaffian.derive.parameter_set import polynomial_of, zero_polynomial
-from pfaffian.derive.parameters import Parameter
+from pfaffian.derive.design.place.linear_plant import residual_rows, state_space
+from pfaffian.derive.design.place.poles import gains_for_poles, placement_for_poles
+from pfaffian.derive.design.place.regular_form import placed_rows, spread_poles
+from pfaffian.derive.design.place.riccati import read_weights, riccati_row
+from pfaffian.derive.design.place.row_space import row_gap
+from pfaffian.derive.ir.parameter import Parameter
+from pfaffian.derive.lower.model import lower_model
+from pfaffian.derive.lower.to_program import lower
 from pfaffian.derive.pipeline import derivation_of, lowered_model, parameter_set
-from pfaffian.derive.spec import Matrix
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.gains import polynomial_of, zero_polynomial
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.spec.model_spec import Matrix
+from pfaffian.derive.symbolic.block import BlockBuilder
+from pfaffian.runtime.base.errors import InputError
 from scipy.linalg import expm
 
 SOURCE = find_model("pvtol")

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.emit.precision import (
     LARGEST_SINGLE,
     LEAST_SINGLE,
@@ -29,31 +29,26 @@ from pfaffian.derive.emit.precision import (
     single_literal,
 )
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
-from pfaffian.derive.pipeline import (
-    derivation_of,
-    library_sets,
-    lowered_model,
-    single_elementary,
-)
+from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model, single_elementary
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import FUNCTIONS, LIMIT_ULP, verify
-from pfaffian.derive.verify.unit import SINGLE_UNIT
+from pfaffian.derive.verify.subjects import CompiledUnderTest
+from pfaffian.derive.verify.ulp_unit import SINGLE_UNIT
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.firmware import build_controller
-from pfaffian.runtime.flight import differing_bits, fly
-from pfaffian.runtime.generated_model import (
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.firmware import build_controller
+from pfaffian.runtime.code.generated_model import (
     fill_records,
     host_model,
     open_generated,
     ppc750_model,
     twice_rounding_model,
 )
-from pfaffian.runtime.machine import Ppc750Machine
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
-from pfaffian.runtime.subjects import MachineSubject
-from pfaffian.runtime.toolchain import GCC_PPC
+from pfaffian.runtime.flight.closed_loop import differing_bits, fly
+from pfaffian.runtime.flight.metrics import tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.machine.emulator import Ppc750Machine
+from pfaffian.runtime.machine.toolchain import GCC_PPC
 
 MODELS = ("pendubot", "pvtol")
 FLIGHTS = {"pendubot": "section-5.1-designed", "pvtol": "pvtol-hover"}
@@ -239,12 +234,12 @@ def test_every_function_is_within_the_limit_and_the_target_has_the_same_bits(nam
     source = find_model(name)
     model = lowered_model(source)
     sets = [s.as_dict() for s in library_sets(model, source)]
-    subjects = [MachineSubject(hosts[name], "c-host")]
-    target = MachineSubject(ppc750_model(folders[name]), "c-ppc750")
+    subjects = [CompiledUnderTest(hosts[name], "c-host")]
+    target = CompiledUnderTest(ppc750_model(folders[name]), "c-ppc750")
     found = verify(
         *(derivation_of(source), model, sets, subjects, target, 1500, 1500),
         unit=SINGLE_UNIT,
-        witness=MachineSubject(twice_rounding_model(folders[name]), "c-host-rounding-twice"),
+        witness=CompiledUnderTest(twice_rounding_model(folders[name]), "c-host-rounding-twice"),
     )
     assert found.passed
     assert found.emulator_roundings <= 3
@@ -263,9 +258,9 @@ def test_bits_that_differ_by_the_emulators_second_rounding_alone_are_counted_apa
     source = find_model("pendubot")
     model = lowered_model(source)
     sets = [s.as_dict() for s in library_sets(model, source)]
-    witness = MachineSubject(twice_rounding_model(folders["pendubot"]), "c-host-rounding-twice")
+    witness = CompiledUnderTest(twice_rounding_model(folders["pendubot"]), "c-host-rounding-twice")
 
-    class Emulator(MachineSubject):
+    class Emulator(CompiledUnderTest):
         """Has the witness's bits, with one changed in one sample; a second changed is a fault."""
 
         def evaluate(self, function, values):
@@ -274,7 +269,7 @@ def test_bits_that_differ_by_the_emulators_second_rounding_alone_are_counted_apa
                 outputs["tau"].view(np.uint64)[3] ^= np.uint64(1 << 40)
             return outputs
 
-    class Host(MachineSubject):
+    class Host(CompiledUnderTest):
         def evaluate(self, function, values):
             outputs = super().evaluate(function, values)
             if function == "step":
@@ -337,7 +332,7 @@ def test_a_slip_in_single_is_caught(slip, folders, tmp_path):
     source = find_model("pendubot")
     model = lowered_model(source)
     sets = [s.as_dict() for s in library_sets(model, source)]
-    subject = MachineSubject(host_model(open_generated(str(tmp_path / "pendubot"))), "c-host")
+    subject = CompiledUnderTest(host_model(open_generated(str(tmp_path / "pendubot"))), "c-host")
     found = verify(derivation_of(source), model, sets, [subject], None, 600, 0, unit=SINGLE_UNIT)
     assert not found.passed
 

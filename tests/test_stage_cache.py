@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from conftest import tree
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_key, derivation_of, lowered_model
-from pfaffian.runtime.cache import cache_folder, cached, digest
+from pfaffian.derive.spec.library import find_model
+from pfaffian.runtime.base.cache import cache_folder, cached, digest
 
 
 class Counted:

@@ -4,10 +4,11 @@ import itertools
 import math
 
 import pytest
-from pfaffian.derive.emit.finite import values_to_check
+from pfaffian.derive.emit.finiteness import values_to_check
 from pfaffian.derive.emit.precision import DOUBLE, SINGLE
 from pfaffian.derive.emit.statements import statements_of
-from pfaffian.derive.program import Instruction, Op, Program, Signal, evaluate
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.program import Instruction, Op, Program, Signal
 
 INFIX = (Op.ADD, Op.SUB, Op.MUL, Op.DIV)
 AT = {"x": 0.7, "y": -1.3, "z": 2.9}

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.supervision import (
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.code.supervision import (
     Check,
     Fault,
     Mode,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from pfaffian.runtime.checksum import checksum_of
-from pfaffian.runtime.supervision import ppc750_supervisor
+from pfaffian.runtime.base.checksum import checksum_of
+from pfaffian.runtime.code.supervision import ppc750_supervisor
 from support_supervisor import HOST
 
 ANY = st.floats()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pfaffian.runtime.supervision import Fault, Mode, Order, Reason
+from pfaffian.runtime.code.supervision import Fault, Mode, Order, Reason
 from support_supervisor import HOST, OUTSIDE, SEALED, Unit, expected, sealed
 
 IDLE, SWING_UP, BALANCE, FAULT = Mode

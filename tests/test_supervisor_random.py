@@ -7,7 +7,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-from pfaffian.runtime.supervision import (
+from pfaffian.runtime.code.supervision import (
     Check,
     Fault,
     Mode,

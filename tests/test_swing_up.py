@@ -6,25 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.derivation import derive
-from pfaffian.derive.emit.emitter import Emission
+from pfaffian.derive.derivation.derive import derive
+from pfaffian.derive.emit.emission import Emission
 from pfaffian.derive.generation import generate
-from pfaffian.derive.library import find_model
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.names import SWING_UP_LIMIT
 from pfaffian.derive.models.pendubot.spec import model as pendubot
-from pfaffian.derive.normal_form import is_zero
 from pfaffian.derive.optimise.passes import PASSES
-from pfaffian.derive.parameter_set import resolve_set
-from pfaffian.derive.parameters import RawSet
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.spec import Matrix
-from pfaffian.derive.swing_up_limit import LIMIT, enclosed, is_regular, largest_limit
+from pfaffian.derive.sets.parameter_set import resolve_set
+from pfaffian.derive.sets.raw_set import RawSet
+from pfaffian.derive.sets.swing_up_limit import enclosed, is_regular, largest_limit
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.spec.model_spec import Matrix
+from pfaffian.derive.symbolic.normal_form import is_zero
 from pfaffian.derive.verify.compare import LIMIT_ULP, verify
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
 from pfaffian.derive.writer import write_generation
-from pfaffian.runtime.compiled import CompiledModel
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import host_model, open_generated, ppc750_model
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.compiled import CompiledModel
+from pfaffian.runtime.code.generated_model import host_model, open_generated, ppc750_model
 
 SWINGING = ("cart_pole", "furuta", "pendubot")
 SOURCE = find_model("pendubot")
@@ -134,7 +135,7 @@ def test_the_readable_derivation_shows_the_law_and_its_condition():
 
 @pytest.mark.parametrize("title", [title for title, _ in PASSES])
 def test_a_pass_keeps_the_values_of_the_law(derivation, title):
-    from pfaffian.derive.lowering import lower
+    from pfaffian.derive.lower.to_program import lower
 
     program = lower(derivation.block("swing_up"))
     for before, run in PASSES:
@@ -179,7 +180,7 @@ def test_the_limit_is_the_formula_of_the_literature(name):
     values, angles = SETS[name], np.linspace(-np.pi, np.pi, 200_001)
     program = MODEL.program("swing_up_limit")
     for q2 in angles[::20_000]:
-        here = evaluate(program, {**values, "q2": float(q2)})[LIMIT]
+        here = evaluate(program, {**values, "q2": float(q2)})[SWING_UP_LIMIT]
         assert here == pytest.approx(theory_limit(values, q2), rel=1e-12)
     found = largest_limit(MODEL, values)
     assert found.least <= found.most <= found.least * (1 + 1e-5)
@@ -197,7 +198,7 @@ def test_an_enclosure_of_the_limit_holds_what_is_inside():
         high = low + 10.0 ** rng.uniform(-6, 1)
         least, most = enclosed(program, {n: (v, v) for n, v in fixed.items()} | {"q2": (low, high)})
         for q2 in np.linspace(low, high, 9):
-            assert least <= evaluate(program, {**fixed, "q2": float(q2)})[LIMIT] <= most
+            assert least <= evaluate(program, {**fixed, "q2": float(q2)})[SWING_UP_LIMIT] <= most
 
 
 def test_the_limit_decides_to_its_last_digits():
@@ -254,8 +255,8 @@ def test_a_set_that_names_no_gains_has_those_of_the_source():
 def test_the_generated_law_is_within_the_limit_in_every_language_with_the_targets_bits(
     derivation, folder, host
 ):
-    subjects = [PythonSubject(folder), MachineSubject(host, "c-host")]
-    target = MachineSubject(ppc750_model(folder), "c-ppc750")
+    subjects = [PythonUnderTest(folder), CompiledUnderTest(host, "c-host")]
+    target = CompiledUnderTest(ppc750_model(folder), "c-ppc750")
     found = verify(
         derivation,
         MODEL,

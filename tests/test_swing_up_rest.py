@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 THETAS = ("theta1", "theta2", "theta3", "theta4", "theta5")
 

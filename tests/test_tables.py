@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pfaffian.cli import output
 from pfaffian.cli.sheet import print_table
-from pfaffian.runtime.scenario_files import scenario_paths
+from pfaffian.runtime.flight.scenario_files import scenario_paths
 from rich.cells import cell_len
 from rich.console import Console
 

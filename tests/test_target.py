@@ -8,12 +8,9 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from pfaffian.runtime import toolchain
-from pfaffian.runtime.errors import CheckError, InputError, MissingToolError
-from pfaffian.runtime.firmware import build_controller, measure_step
-from pfaffian.runtime.generated_model import (
-    OPTIONAL_ROLES,
-    ROLES,
+from pfaffian.runtime.base.errors import CheckError, InputError, MissingToolError
+from pfaffian.runtime.code.firmware import build_controller, measure_step
+from pfaffian.runtime.code.generated_model import (
     GeneratedFolder,
     GeneratedModel,
     fill_records,
@@ -21,10 +18,13 @@ from pfaffian.runtime.generated_model import (
     open_generated,
     ppc750_model,
 )
-from pfaffian.runtime.layout import layout_of
-from pfaffian.runtime.machine import Ppc750Machine
-from pfaffian.runtime.manifest import Field, Structure
-from pfaffian.runtime.toolchain import Target, compile_image, harness_sources, ppc750_target
+from pfaffian.runtime.contract.dtypes import layout_of
+from pfaffian.runtime.contract.manifest import OPTIONAL_ROLES, ROLES, Field, Structure
+from pfaffian.runtime.machine import toolchain
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.emulator import Ppc750Machine
+from pfaffian.runtime.machine.sources import harness_sources
+from pfaffian.runtime.machine.toolchain import Target, ppc750_target
 from test_c_safety import assert_safe, garbage, raw, sensible
 
 pytestmark = pytest.mark.target

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pfaffian.runtime import toolchain
-from pfaffian.runtime.errors import CheckError, InputError, MissingToolError
-from pfaffian.runtime.firmware import build_controller
-from pfaffian.runtime.generated_model import emulated_model, host_model, open_generated
-from pfaffian.runtime.stack import stack_bound
-from pfaffian.runtime.target_files import read_target, target_paths
-from pfaffian.runtime.toolchain import find_target, runtime_c
+from pfaffian.runtime.base.errors import CheckError, InputError, MissingToolError
+from pfaffian.runtime.code.firmware import build_controller
+from pfaffian.runtime.code.generated_model import emulated_model, host_model, open_generated
+from pfaffian.runtime.machine import toolchain
+from pfaffian.runtime.machine.sources import runtime_c
+from pfaffian.runtime.machine.stack import stack_bound
+from pfaffian.runtime.machine.target_files import read_target, target_paths
+from pfaffian.runtime.machine.toolchain import find_target
 from test_same_bits import stepped
 
 FOLDER = open_generated("pendubot")
@@ -213,7 +214,8 @@ def test_the_stack_bound_follows_calls_and_refuses_recursion(tmp_path):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    from pfaffian.cli.make import Extras, generate_files
+    from pfaffian.cli.code.generate import generate_files
+    from pfaffian.derive.generate_model import Extras
 
     folder = tmp_path_factory.mktemp("firmware") / "pendubot"
     generate_files("pendubot", None, None, folder, False, Extras(), True)

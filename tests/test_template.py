@@ -6,10 +6,11 @@ import json
 import tomllib
 
 import pytest
-from pfaffian.derive.library import ModelFolder, library_models
-from pfaffian.derive.parameters import POLES_KEY, TABLES, read_set
+from pfaffian.derive.ir.names import POLES_KEY
 from pfaffian.derive.pipeline import lowered_model, parameter_set
-from pfaffian.derive.template import template_of
+from pfaffian.derive.sets.raw_set import TABLES, read_set
+from pfaffian.derive.sets.template import template_of
+from pfaffian.derive.spec.library import ModelFolder, library_models
 from test_own_plant import FILES
 
 LIBRARY = library_models()

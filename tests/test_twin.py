@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import CheckError, InputError
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.sensing import Encoder
+from pfaffian.runtime.base.errors import CheckError, InputError
+from pfaffian.runtime.code.sensing import Encoder
+from pfaffian.runtime.flight.closed_loop import fly
 from pfaffian.runtime.twin import Twin, Wanted, balance_unit, fly_twin
 from pfaffian.runtime.twin.rig import Rigs
 from pfaffian.runtime.twin.settings import (

@@ -8,9 +8,9 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from pfaffian.runtime.generated_model import generated_models, open_generated
-from pfaffian.runtime.sensing import sensing_sources
-from pfaffian.runtime.toolchain import COMMON_FLAGS
+from pfaffian.runtime.code.generated_model import generated_models, open_generated
+from pfaffian.runtime.code.sensing import sensing_sources
+from pfaffian.runtime.machine.toolchain import COMMON_FLAGS
 from pfaffian.runtime.twin import balance_unit, fly_twin, plant_model, read_twin
 from pfaffian.runtime.twin.rig import Rigs
 from pfaffian.runtime.twin.settings import Disturbance, Drive, Push

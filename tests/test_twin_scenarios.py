@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.scenario import read_scenario, scenario_paths
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.scenario import read_scenario
+from pfaffian.runtime.flight.scenario_files import scenario_paths
 from pfaffian.runtime.twin import Twin, Wanted, balance_unit, fly_twin, read_twin
 from pfaffian.runtime.twin.settings import Disturbance, Order, Push
 from support_twin import FULL, HEAD, Scripted, model
@@ -200,7 +201,7 @@ def test_pil_of_a_twin_has_the_host_s_bits(run, written):
 
 
 def test_a_start_beyond_the_singular_set_is_for_controllers_that_do_more(written, monkeypatch):
-    from pfaffian.runtime.twin import read
+    from pfaffian.runtime.twin.files import read
 
     text = HEAD.replace("[initial]", '[initial]\nq2 = "180 deg"') + "[twin]\n"
     with pytest.raises(InputError, match="the start lies in the singular set"):

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import fill_records
-from pfaffian.runtime.sensing import Encoder
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import fill_records
+from pfaffian.runtime.code.sensing import Encoder
 from pfaffian.runtime.twin import StateFeedbackUnit, balance_unit, fly_twin
 from pfaffian.runtime.twin.settings import Channel, Drive
-from pfaffian.runtime.twin.units import BalanceUnit, ExactSenses
+from pfaffian.runtime.twin.units.balance import BalanceUnit, ExactSenses
 from scipy.linalg import solve_continuous_are
 from support_twin import model, twin
 

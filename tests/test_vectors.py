@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from pfaffian.derive.verify.vectors import COUNT, vectors
-from pfaffian.runtime.generated_model import open_generated
+from pfaffian.runtime.code.generated_model import open_generated
 
 FOLDER = Path(str(files("pfaffian.runtime"))) / "vectors"
 HEADER = FOLDER / "pendubot_vectors.h"

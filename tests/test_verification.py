@@ -6,16 +6,16 @@ import mpmath
 import numpy as np
 import pytest
 from conftest import THOROUGH
-from pfaffian.derive.library import find_model
+from pfaffian.derive.ir.evaluate import evaluate
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
-from pfaffian.derive.program import evaluate
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify.compare import FUNCTIONS, LIMIT_ULP, verify
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle
 from pfaffian.derive.verify.sampling import draw
-from pfaffian.derive.verify.unit import DOUBLE_UNIT
-from pfaffian.runtime.generated_model import host_model, open_generated, ppc750_model
-from pfaffian.runtime.subjects import MachineSubject, PythonSubject
+from pfaffian.derive.verify.subjects import CompiledUnderTest, PythonUnderTest
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT
+from pfaffian.runtime.code.generated_model import host_model, open_generated, ppc750_model
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def code():
 def test_generated_code_in_every_language_is_within_the_limit_and_the_target_has_the_same_bits(
     source, code
 ):
-    subjects = [PythonSubject(code), MachineSubject(host_model(code), "c-host")]
-    target = MachineSubject(ppc750_model(code), "c-ppc750")
+    subjects = [PythonUnderTest(code), CompiledUnderTest(host_model(code), "c-host")]
+    target = CompiledUnderTest(ppc750_model(code), "c-ppc750")
     found = verify(*source, subjects, target, samples=1500, target_samples=1500)
     assert found.passed
     assert found.worst_scaled_ulp <= LIMIT_ULP
@@ -67,13 +67,13 @@ def test_a_slip_in_the_generated_code_is_caught(slip, source, code, tmp_path):
     text = path.read_text()
     assert right in text
     path.write_text(text.replace(right, wrong))
-    subject = MachineSubject(host_model(open_generated(str(folder))), "c-host")
+    subject = CompiledUnderTest(host_model(open_generated(str(folder))), "c-host")
     found = verify(*source, [subject], None, samples=300, target_samples=0)
     assert not found.passed
 
 
 def test_one_differing_bit_on_the_target_is_a_mismatch(source, code):
-    class Flipped(MachineSubject):
+    class Flipped(CompiledUnderTest):
         def evaluate(self, function, values):
             outputs = super().evaluate(function, values)
             if function == "step":
@@ -81,7 +81,7 @@ def test_one_differing_bit_on_the_target_is_a_mismatch(source, code):
             return outputs
 
     host = host_model(code)
-    subjects = [MachineSubject(host, "c-host")]
+    subjects = [CompiledUnderTest(host, "c-host")]
     found = verify(*source, subjects, Flipped(host, "flipped"), samples=50, target_samples=50)
     assert found.target_mismatches == 1
     assert not found.passed

@@ -6,16 +6,16 @@ import gmpy2
 import numpy as np
 import pytest
 import sympy as sp
-from pfaffian.derive.block import BlockBuilder
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+from pfaffian.derive.spec.library import find_model
+from pfaffian.derive.symbolic.block import BlockBuilder
 from pfaffian.derive.verify import compare
 from pfaffian.derive.verify.compare import Verification, verify
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle, absolute_error
-from pfaffian.derive.verify.unit import DOUBLE_UNIT, SINGLE_UNIT
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.subjects import MachineSubject
+from pfaffian.derive.verify.subjects import CompiledUnderTest
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT, SINGLE_UNIT
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def host():
     return host_model(open_generated("pendubot"))
 
 
-class Moved(MachineSubject):
+class Moved(CompiledUnderTest):
     """Generated code whose ADB is off by `units` last places of its condition scale."""
 
     def __init__(self, model, block, units):
@@ -107,7 +107,7 @@ def test_an_oracle_without_an_answer_is_no_agreement():
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
 def test_an_answer_that_is_not_finite_fails(source, host, wrong):
-    class Silent(MachineSubject):
+    class Silent(CompiledUnderTest):
         def evaluate(self, function, values):
             outputs = super().evaluate(function, values)
             outputs["adb"][7] = wrong
@@ -128,7 +128,7 @@ def test_zeros_of_two_signs_and_two_nans_are_differing_bits():
 
 
 def test_a_difference_that_the_witness_knows_is_counted_apart_and_no_other(source, host):
-    class Nudged(MachineSubject):
+    class Nudged(CompiledUnderTest):
         def __init__(self, name, rows):
             super().__init__(host, name)
             self.rows = rows

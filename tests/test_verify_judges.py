@@ -7,16 +7,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pfaffian.derive.library import find_model
 from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+from pfaffian.derive.spec.library import find_model
 from pfaffian.derive.verify import compare
 from pfaffian.derive.verify.compare import LIMIT_ULP, errors_of, in_units, verify
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.sampling import draw, measured_domain
-from pfaffian.derive.verify.unit import DOUBLE_UNIT, SINGLE_UNIT
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.subjects import MachineSubject
+from pfaffian.derive.verify.subjects import CompiledUnderTest
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT, SINGLE_UNIT
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.code.generated_model import host_model, open_generated
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def source():
 
 @pytest.fixture(scope="module")
 def host():
-    return MachineSubject(host_model(open_generated("pendubot")), "c-host")
+    return CompiledUnderTest(host_model(open_generated("pendubot")), "c-host")
 
 
 class Spoilt:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from conftest import REPOSITORY
-from pfaffian.runtime.documents import read_toml
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.quantity import parse_quantity
+from pfaffian.runtime.base.toml import read_toml
 
 RIG = REPOSITORY / "derive" / "models" / "pendubot" / "rig.toml"
 

@@ -14,15 +14,7 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as `typing` has it, without the time it takes to import
 if TYPE_CHECKING:
-    from pfaffian.api import (
-        CheckError,
-        InputError,
-        MissingToolError,
-        Model,
-        PfaffianError,
-        load,
-        models,
-    )
+    from pfaffian.api import (CheckError, InputError, MissingToolError, Model, PfaffianError, load, models)
 
     __version__: str
 else:

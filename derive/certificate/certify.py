@@ -5,25 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pfaffian.derive.array_operations import evaluate_at
 from pfaffian.derive.certificate.region import Region, region_around
-from pfaffian.derive.certificate.search import Extremum, greatest, least, objective_of
 from pfaffian.derive.certificate.theorem import Pursuit, Theorem, Ultimate, product
 from pfaffian.derive.certificate.uncertainty import (
     DETERMINANT,
     assumption_program,
     following_program,
 )
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.program import Program
-from pfaffian.runtime.continuous import ABSOLUTE, ContinuousFlight
-from pfaffian.runtime.errors import CheckError
-from pfaffian.runtime.scenario import Scenario
-
-Array = np.ndarray[Any, Any]
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.ir.evaluate_arrays import evaluate_at
+from pfaffian.derive.ir.extrema import Extremum, greatest, least, objective_of
+from pfaffian.derive.ir.program import Program
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import CheckError
+from pfaffian.runtime.flight.continuous import ABSOLUTE, ContinuousFlight
+from pfaffian.runtime.flight.scenario import Scenario
 
 #: dbar in units of dunder: any factor above 1 will do, and T grows without bound towards 1.
 DBAR_FACTOR = 1.1

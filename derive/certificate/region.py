@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pfaffian.runtime.documents import suggestion
-from pfaffian.runtime.errors import InputError
-
-Array = np.ndarray[Any, Any]
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.toml import suggestion
 
 #: Beyond this, in rad or rad/s, no region and no start means anything.
 _FARTHEST = 1000.0

@@ -18,11 +18,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-
-Array = np.ndarray[Any, Any]
+from pfaffian.runtime.base.arrays import Array
 
 
 def product(left: Array, right: Array) -> Array:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sympy as sp
-from pfaffian.derive.block import Block, BlockBuilder
-from pfaffian.derive.control_terms import numbered
-from pfaffian.derive.derivation import Derivation, writes_rows_out
-from pfaffian.derive.lowering import lower
-from pfaffian.derive.normal_form import trigonometric_sum
-from pfaffian.derive.program import Program
-from pfaffian.derive.spec import symbol_of
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.derivation.decomposition import writes_rows_out
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.ir.program import Program
+from pfaffian.derive.lower.to_program import lower
+from pfaffian.derive.mechanics.block_terms import numbered
+from pfaffian.derive.spec.model_spec import symbol_of
+from pfaffian.derive.symbolic.block import Block, BlockBuilder
+from pfaffian.derive.symbolic.normal_form import trigonometric_sum
+from pfaffian.runtime.base.errors import InputError
 
 _GROUPS = ("lumped", "plant", "synthesised", "gain", "uncertainty")
 #: The output with det ADB, which only several actuators have beside `adb`.

@@ -6,21 +6,19 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from pfaffian.derive.design.linear_plant import input_gains
 from pfaffian.derive.design.nearest import SingularPoint, nearest_singular_point
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import (
+from pfaffian.derive.design.place.linear_plant import input_gains
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.sets.gains import gain_names, is_hurwitz, roots_of, zero_polynomial
+from pfaffian.derive.sets.parameter_set import (
     ParameterSet,
     cyclic_notes,
-    is_hurwitz,
     resolve_set,
-    roots_of,
     violated_bounds,
-    zero_polynomial,
 )
-from pfaffian.derive.parameters import RawSet
-from pfaffian.derive.program import evaluate
-from pfaffian.derive.routh import HurwitzMargin, hurwitz_margins, routh_column
+from pfaffian.derive.sets.raw_set import RawSet
+from pfaffian.derive.sets.routh import HurwitzMargin, hurwitz_margins, routh_column
 from scipy.optimize import brentq
 
 _SCAN_STEPS = 720
@@ -88,11 +86,6 @@ def assess(model: LoweredModel, parameters: ParameterSet, *, nearest: bool = Tru
         cyclic=cyclic_notes(model),
         nearest_singular_point=nearest_singular_point(model, values) if nearest else None,
     )
-
-
-def gain_names(model: LoweredModel) -> tuple[str, ...]:
-    """Return the names of the gains that a design chooses."""
-    return tuple(p.name for p in model.parameters if p.group == "synthesised")
 
 
 def base_set(model: LoweredModel, raw: RawSet, chooses_gains: bool) -> ParameterSet:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pfaffian.derive.array_operations import evaluate_at
-from pfaffian.derive.certificate.intervals import enclose
-from pfaffian.derive.certificate.search import restricted
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import Program, evaluate
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.evaluate_arrays import evaluate_at
+from pfaffian.derive.ir.extrema import restricted
+from pfaffian.derive.ir.intervals import enclose
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.ir.program import Program
 from scipy.optimize import brentq, minimize
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from pfaffian.derive.design.assess import Design
 from pfaffian.derive.design.tradeoff import TradeoffPoint
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 _STYLE = {
     "svg.hashsalt": "pfaffian",

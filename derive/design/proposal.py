@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pfaffian.derive.design.assess import setpoint_gain
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.quantity import parse_quantity
 
 #: (rate kappa (ADB)^2 at the setpoint in 1/s, longest loop delay in s with which it still held):
 #: simulated flights of a Pendubot ten times as heavy as the rig's, sampled at 500 Hz.

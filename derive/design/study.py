@@ -6,23 +6,24 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pfaffian.derive.design.assess import Design, assess, base_set, gain_names, with_values
-from pfaffian.derive.design.intervals import (
+from pfaffian.derive.design.assess import Design, assess, base_set, with_values
+from pfaffian.derive.design.place.placement import Placement
+from pfaffian.derive.design.place.poles import placement_for_poles, read_poles
+from pfaffian.derive.design.place.riccati import RiccatiRow, read_weights, riccati_row
+from pfaffian.derive.design.proposal import Proposal, propose, read_delay
+from pfaffian.derive.design.tradeoff import TradeoffPoint, tradeoff_curve
+from pfaffian.derive.design.worst_case import (
     WorstCase,
     friction_limits,
     read_box,
     read_friction,
     worst_case,
 )
-from pfaffian.derive.design.placement import Placement
-from pfaffian.derive.design.poles import placement_for_poles, read_poles
-from pfaffian.derive.design.proposal import Proposal, propose, read_delay
-from pfaffian.derive.design.riccati import RiccatiRow, read_weights, riccati_row
-from pfaffian.derive.design.tradeoff import TradeoffPoint, tradeoff_curve
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.parameters import RawSet
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.sets.gains import gain_names
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.derive.sets.raw_set import RawSet
+from pfaffian.runtime.base.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pfaffian.derive.design.assess import assess, with_values
-from pfaffian.derive.design.poles import gains_for_poles
-from pfaffian.derive.design.riccati import riccati_row
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.parameter_set import ParameterSet, zero_order
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.design.place.poles import gains_for_poles
+from pfaffian.derive.design.place.riccati import riccati_row
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.sets.gains import zero_order
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.runtime.base.errors import InputError
 
 _POINTS = 25
 _FASTEST, _SLOWEST = 20.0, 0.5

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 
 from pfaffian.derive.emit.local_names import C_LOCALS
 from pfaffian.derive.emit.statements import Dialect
-from pfaffian.derive.parameter_set import ParameterSet
-from pfaffian.derive.parameters import Parameter
-from pfaffian.derive.program import Op
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.ir.parameter import Parameter
+from pfaffian.derive.ir.program import Op
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.runtime.base.errors import InputError
 
 #: Least and largest magnitude that single precision holds with all of its 24 bits.
 LEAST_SINGLE, LARGEST_SINGLE = 2.0**-126, 2.0**128 - 2.0**104

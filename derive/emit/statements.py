@@ -11,8 +11,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from pfaffian.derive.optimise.ranges import Range, plain_calls
-from pfaffian.derive.program import LOGICAL, Instruction, Op, Program, without_dead
+from pfaffian.derive.ir.program import LOGICAL, Instruction, Op, Program, without_dead
+from pfaffian.derive.ir.ranges import Range, plain_calls
 
 #: What a local variable is called by whose own name means something else in its function.
 LOCAL_SUFFIX = "_value"

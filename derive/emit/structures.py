@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.program import TIME_NAME, Op, Program, Signal
-from pfaffian.runtime.manifest import Field, Structure
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.ir.names import TIME_NAME
+from pfaffian.derive.ir.program import Op, Program, Signal
+from pfaffian.runtime.contract.manifest import Field, Structure
 
 STATUS = (
     *("OK", "SATURATED", "NEAR_SINGULAR", "BAD_INPUT", "BAD_PARAMETER", "NUMERIC"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from pfaffian.derive.ir.program import Instruction, Op, Program
 from pfaffian.derive.optimise.tape import Tape, rewritten
-from pfaffian.derive.program import Instruction, Op, Program
 
 
 def reuse_angle_sums(program: Program) -> Program:

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from pfaffian.derive.ir.evaluate import EXACT, apply, interpret, outputs_of
+from pfaffian.derive.ir.program import Instruction, Op, Program
 from pfaffian.derive.optimise.tape import Tape, rewritten
-from pfaffian.derive.program import (
-    EXACT,
-    Instruction,
-    Op,
-    Program,
-    apply,
-    interpret,
-    outputs_of,
-)
 
 
 @dataclass(frozen=True)

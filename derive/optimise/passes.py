@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from pfaffian.derive.lowered import PassReport
+from pfaffian.derive.ir.lowered import PassReport
+from pfaffian.derive.ir.program import Program
 from pfaffian.derive.optimise.angle_sums import reuse_angle_sums
-from pfaffian.derive.optimise.comparisons import share_comparisons
-from pfaffian.derive.optimise.divisions import share_divisions
-from pfaffian.derive.optimise.multiply_add import fuse_multiply_adds
+from pfaffian.derive.optimise.choose_signs import add_negatives, choose_signs
+from pfaffian.derive.optimise.fuse_multiply_adds import fuse_multiply_adds
+from pfaffian.derive.optimise.hoist import hoist
 from pfaffian.derive.optimise.parameter_products import gather_parameters, negate_parameters
-from pfaffian.derive.optimise.prepare import hoist
 from pfaffian.derive.optimise.schedule import call_early
-from pfaffian.derive.optimise.signs import add_negatives, choose_signs
+from pfaffian.derive.optimise.share_comparisons import share_comparisons
+from pfaffian.derive.optimise.share_divisions import share_divisions
 from pfaffian.derive.optimise.tape import rewritten
-from pfaffian.derive.program import Program
 
 #: Programs that are emitted and run again and again; `step` may prepare what does not change.
 EMITTED = ("step", "continuous", "acceleration", "energy")

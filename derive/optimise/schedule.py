@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from pfaffian.derive.program import FURTHER, Op, Program
+from pfaffian.derive.ir.program import FURTHER, Op, Program
 
 _CALLS = frozenset({Op.SIN, Op.COS, Op.ATAN, Op.SQRT, Op.TANH, Op.EXP, Op.EXPM1} | FURTHER)
 

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from pfaffian.derive.program import Instruction, Op, Program, without_dead
+from pfaffian.derive.ir.program import Instruction, Op, Program, without_dead
 
 _COMMUTATIVE = frozenset({Op.ADD, Op.MUL, Op.AND, Op.OR, Op.EQUAL})
 #: Rewrites one instruction of the old program, given by its index; where earlier ones went is in

@@ -10,7 +10,7 @@ from pfaffian.derive.plan.plant import NumericPlant
 from pfaffian.derive.plan.problem import Problem
 from pfaffian.derive.plan.reference import torque_at
 from pfaffian.derive.plan.shooting import Trajectory
-from pfaffian.runtime.errors import CheckError
+from pfaffian.runtime.base.errors import CheckError
 from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]

@@ -19,9 +19,9 @@ from pfaffian.derive.plan.planner import Plan, Provenance
 from pfaffian.derive.plan.problem import NO_LIMIT, Problem, Weights
 from pfaffian.derive.plan.riccati import RowPath
 from pfaffian.derive.plan.shooting import Trajectory
-from pfaffian.runtime.documents import shown
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.files import write_outputs
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.files import write_outputs
+from pfaffian.runtime.base.toml import shown
 
 Array = NDArray[np.float64]
 FORMAT = "pfaffian plan 1"

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pfaffian.derive.derivation import Derivation
+from pfaffian.derive.derivation.derive import Derivation
 from pfaffian.derive.plan.planner import Plan
 from pfaffian.derive.plan.plant import NumericPlant, numeric_plant
 from pfaffian.derive.plan.reference import Curve, torque_at
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.errors import InputError
 
 Array = NDArray[np.float64]
 #: What counts as standing at the goal: the largest error over the last quarter of the hold.

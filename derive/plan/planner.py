@@ -9,27 +9,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.derivation.plant_digest import plant_digest
 from pfaffian.derive.plan.check import DEFECT_TOLERANCE, PlanCheck, check_plan
 from pfaffian.derive.plan.plant import NumericPlant, casadi_rates, numeric_plant
-from pfaffian.derive.plan.problem import (
-    PlanOptions,
-    Problem,
-    plan_problem,
-    plant_parameters,
-)
+from pfaffian.derive.plan.problem import PlanOptions, Problem, plan_problem, plant_parameters
 from pfaffian.derive.plan.rest import slowest_period
 from pfaffian.derive.plan.riccati import RowPath, riccati_path
-from pfaffian.derive.plan.shooting import (
-    Grid,
-    Shooting,
-    Trajectory,
-    random_guess,
-    resampled,
-)
-from pfaffian.derive.plant_digest import plant_digest
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.derive.plan.shooting import Grid, Shooting, Trajectory, random_guess, resampled
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.runtime.base.errors import CheckError, InputError
 
 Array = NDArray[np.float64]
 #: The first and the most Runge-Kutta steps in an interval of the fine grid.

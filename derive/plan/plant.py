@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.numeric import function_of, safe_symbols
-from pfaffian.derive.spec import symbol_of
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.spec.model_spec import symbol_of
+from pfaffian.derive.symbolic.numeric import function_of, safe_symbols
 
 Array = NDArray[np.float64]
 #: Functions of the derivation that Python's mathematics does not have.
@@ -131,7 +131,7 @@ def _function(
 def casadi_rates(derivation: Derivation, values: Mapping[str, float]) -> Any:
     """Return the CasADi function (x, tau) -> x', x = (q, q'), of the block `acceleration`."""
     import casadi as ca
-    from pfaffian.derive.lowering import ToCasadi
+    from pfaffian.derive.lower.to_casadi import ToCasadi
 
     spec, block = derivation.spec, derivation.block("acceleration")
     n, m = len(spec.coordinates), len(spec.actuators)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.parameter_set import ParameterSet
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.derivation.plant_digest import plant_digest
 from pfaffian.derive.plan.plant import NumericPlant
 from pfaffian.derive.plan.rest import hanging_rest, held_torque, slowest_period
-from pfaffian.derive.plant_digest import plant_digest
-from pfaffian.runtime.documents import suggestion
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.sets.parameter_set import ParameterSet
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.toml import suggestion
 
 #: Free end times reach from this to this many of the slowest periods about the resting start.
 _PERIODS = (0.4, 3.0)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from pfaffian.derive.plan.plant import NumericPlant
-from pfaffian.derive.spec import ModelSpec
-from pfaffian.runtime.errors import InputError
+from pfaffian.derive.spec.model_spec import ModelSpec
+from pfaffian.runtime.base.errors import InputError
 from scipy.linalg import eigh
 
 Array = NDArray[np.float64]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pfaffian.derive.design.riccati import solve_riccati
+from pfaffian.derive.design.place.riccati import solve_riccati
 from pfaffian.derive.plan.problem import Problem
 from pfaffian.derive.plan.reference import Curve, torque_at
 from pfaffian.derive.plan.shooting import Trajectory
-from pfaffian.runtime.errors import CheckError, InputError
+from pfaffian.runtime.base.errors import CheckError, InputError
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 

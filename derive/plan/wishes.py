@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from pfaffian.derive.plan.problem import PlanOptions, Weights
-from pfaffian.derive.spec import ModelSpec
-from pfaffian.runtime.documents import shown, suggestion
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.quantity import parse_quantity
+from pfaffian.derive.spec.model_spec import ModelSpec
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.quantity import parse_quantity
+from pfaffian.runtime.base.toml import shown, suggestion
 
 
 @dataclass(frozen=True)

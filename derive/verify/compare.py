@@ -7,16 +7,16 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from pfaffian.derive.block import Block
-from pfaffian.derive.derivation import Derivation
-from pfaffian.derive.lowered import LoweredModel
+from pfaffian.derive.derivation.derive import Derivation
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.symbolic.block import Block
 from pfaffian.derive.verify.condition import Condition
+from pfaffian.derive.verify.intermediate_values import NamedValues, values_of
 from pfaffian.derive.verify.oracle import Oracle, absolute_error
 from pfaffian.derive.verify.sampling import Samples, draw
-from pfaffian.derive.verify.span import NamedValues, values_of
-from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT, UlpUnit
+from pfaffian.runtime.base.arrays import Array
 
-Array = np.ndarray[Any, Any]
 #: Functions of the generated code, by the block each was lowered from; a model may lack the last.
 FUNCTIONS = ("step", "prepare", "continuous", "acceleration", "energy", "swing_up")
 #: What is verified besides where the generated code follows a plan.
@@ -109,7 +109,7 @@ def verify(
     samples: int,
     target_samples: int,
     progress: Callable[[int, int], None] | None = None,
-    unit: Unit = DOUBLE_UNIT,
+    unit: UlpUnit = DOUBLE_UNIT,
     witness: Subject | None = None,
     functions: Sequence[str] = FUNCTIONS,
     baked: Mapping[str, float] | None = None,
@@ -248,7 +248,7 @@ def _differing(here: Mapping[str, Array], there: Mapping[str, Array]) -> Array:
 class _Judge:
     """Holds the oracle and condition of one block, and updates the tallies."""
 
-    def __init__(self, model: LoweredModel, block: Block, unit: Unit) -> None:
+    def __init__(self, model: LoweredModel, block: Block, unit: UlpUnit) -> None:
         self.model, self.block, self.unit = model, block, unit
         self.oracle, self.condition = Oracle(block, unit.tie), Condition(block)
         self.named = NamedValues(block)

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from pfaffian.derive.block import Block
-from pfaffian.derive.functions import side
-from pfaffian.derive.numeric import function_of
+from pfaffian.derive.symbolic.block import Block
+from pfaffian.derive.symbolic.functions import side
+from pfaffian.derive.symbolic.numeric import function_of
+from pfaffian.runtime.base.arrays import Array
 from sympy.core.relational import Relational
 
-Array = np.ndarray[Any, Any]
 #: Functions whose values are rounded once, whoever computes them.
 _ROUNDED = (
     sp.sin,

@@ -12,8 +12,8 @@ from typing import Any
 import gmpy2
 import numpy as np
 import sympy as sp
-from pfaffian.derive.block import Block
-from pfaffian.derive.numeric import function_of
+from pfaffian.derive.symbolic.block import Block
+from pfaffian.derive.symbolic.numeric import function_of
 from sympy.core.relational import Relational
 
 #: 200 bits are 60 decimal digits; 50 are promised, ten are for the oracle's own rounding.

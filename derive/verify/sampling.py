@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from pfaffian.derive.block import Block
-from pfaffian.derive.elementary import SINCOS_MAX
-from pfaffian.derive.emit.emitter import measured_bounds
-from pfaffian.derive.lowered import LoweredModel
-from pfaffian.derive.numeric import function_of
-from pfaffian.derive.parameters import Parameter
-from pfaffian.derive.program import Signal, evaluate
-from pfaffian.derive.verify.span import NamedValues, has_domains
-from pfaffian.derive.verify.unit import DOUBLE_UNIT, Unit
+from pfaffian.derive.elementary.coefficients import SINCOS_MAX
+from pfaffian.derive.emit.bounds import measured_bounds
+from pfaffian.derive.ir.evaluate import evaluate
+from pfaffian.derive.ir.lowered import LoweredModel
+from pfaffian.derive.ir.parameter import Parameter
+from pfaffian.derive.ir.program import Signal
+from pfaffian.derive.symbolic.block import Block
+from pfaffian.derive.symbolic.numeric import function_of
+from pfaffian.derive.verify.intermediate_values import NamedValues, has_domains
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT, UlpUnit
+from pfaffian.runtime.base.arrays import Array
 
-Array = np.ndarray[Any, Any]
 #: Smallest magnitude drawn where a bound is zero, and largest for states that have no bound.
 _SMALL, _LARGE = 1e-6, 1e4
 #: How far from the values in the sets parameters without bounds are drawn, and those that are zero.
@@ -48,7 +49,7 @@ def draw(
     sets: Sequence[Mapping[str, float]],
     count: int,
     rng: np.random.Generator,
-    unit: Unit = DOUBLE_UNIT,
+    unit: UlpUnit = DOUBLE_UNIT,
     holds: Callable[[Mapping[str, Array]], Array] | None = None,
     block: Block | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -89,7 +90,7 @@ def draw(
     raise RuntimeError("no physical parameters found in 200 draws")
 
 
-def _rounded(model: LoweredModel, values: dict[str, Array], unit: Unit) -> dict[str, Array]:
+def _rounded(model: LoweredModel, values: dict[str, Array], unit: UlpUnit) -> dict[str, Array]:
     bounds = {p.name: unit.bounds(p) for p in model.parameters}
     bounds |= {n: (-b, b) for n, b in measured_domain(model, unit).items()}
     rounded = {n: unit.rounded(v) for n, v in values.items()}
@@ -158,7 +159,7 @@ def _measurements(bound: float, count: int, rng: np.random.Generator) -> Array:
     return shares * bound
 
 
-def measured_domain(model: LoweredModel, unit: Unit) -> dict[str, float]:
+def measured_domain(model: LoweredModel, unit: UlpUnit) -> dict[str, float]:
     """Return each measurement with the largest magnitude that the generated code takes for one."""
     return {name: unit.below(bound) for name, bound in measured_bounds(model)}
 

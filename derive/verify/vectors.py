@@ -12,13 +12,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pfaffian.derive.emit.emitter import fill, snake
+from pfaffian.derive.emit.names import snake
+from pfaffian.derive.emit.templates import fill
 from pfaffian.derive.verify.condition import Condition
 from pfaffian.derive.verify.oracle import Oracle
 from pfaffian.derive.verify.sampling import draw
-from pfaffian.derive.verify.unit import DOUBLE_UNIT
+from pfaffian.derive.verify.ulp_unit import DOUBLE_UNIT
+from pfaffian.runtime.base.arrays import Array
 
-Array = np.ndarray[Any, Any]
 COUNT = 48
 #: The tolerance in condition-scaled units in the last place: what `pfaffian verify` demands.
 LIMIT_ULP = 4.0
@@ -32,8 +33,8 @@ def vectors(reference: str, count: int = COUNT) -> str:
 
     Samples on the boundary of a branch are left out: there either side is right.
     """
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import derivation_of, library_sets, lowered_model
+    from pfaffian.derive.spec.library import find_model
 
     source = find_model(reference)
     model, block = lowered_model(source), derivation_of(source).block("step")

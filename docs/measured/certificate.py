@@ -9,8 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pfaffian.runtime.generated_model import open_generated
-from pfaffian.runtime.reproduce.cases import uncertainty
+from pfaffian.paper.simulations.cases import uncertainty
+from pfaffian.runtime.code.generated_model import open_generated
 
 SCENARIO = """model = "pendubot"
 set = "{name}"

@@ -10,7 +10,7 @@ and the integral is held, back-calculated or runs on where one of them binds.
 from collections.abc import Callable
 
 import numpy as np
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 HOST = host_model(open_generated("pendubot"))
 RIG = HOST.folder.parameters("rig") | {"sigma": 2.0, "kappa": 0.0045}

@@ -8,10 +8,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pfaffian.runtime.flight import fly
-from pfaffian.runtime.generated_model import host_model, open_generated
-from pfaffian.runtime.metrics import tracking_metrics
-from pfaffian.runtime.scenario import read_scenario
+from pfaffian.runtime.code.generated_model import host_model, open_generated
+from pfaffian.runtime.flight.closed_loop import fly
+from pfaffian.runtime.flight.metrics import tracking_metrics
+from pfaffian.runtime.flight.scenario import read_scenario
 
 PFAFFIAN = str(Path(sys.executable).with_name("pfaffian"))
 FLIGHTS = ("section-5.1-designed", "rig-balance", "pvtol-hover")

@@ -6,7 +6,7 @@ python docs/measured/swing_up.py first|starts|limit|rest
 import sys
 
 import numpy as np
-from pfaffian.runtime.generated_model import fill_records, host_model, open_generated
+from pfaffian.runtime.code.generated_model import fill_records, host_model, open_generated
 
 HOST = host_model(open_generated("pendubot"))
 RIG = HOST.folder.parameters("rig")
@@ -93,9 +93,9 @@ def starts() -> None:
 
 def limit() -> None:
     """Print what kD/kE must exceed, and what it is."""
-    from pfaffian.derive.library import find_model
     from pfaffian.derive.pipeline import library_sets, lowered_model
-    from pfaffian.derive.swing_up_limit import largest_limit
+    from pfaffian.derive.sets.swing_up_limit import largest_limit
+    from pfaffian.derive.spec.library import find_model
 
     model = lowered_model(find_model("pendubot"))
     print("| set | kD/kE must exceed | at q2 | kD/kE |\n|---|---|---|---|")

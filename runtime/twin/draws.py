@@ -7,11 +7,10 @@ uniform doubles of PCG64 are used: NumPy's other distributions call the C librar
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
+from pfaffian.runtime.base.arrays import Array
 
-Array = np.ndarray[Any, Any]
 _BLOCK = 256
 
 

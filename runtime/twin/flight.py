@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from pfaffian.runtime.errors import CheckError, InputError
-from pfaffian.runtime.generated_model import GeneratedModel
-from pfaffian.runtime.twin.control import Command, ControlUnit, FlippableUnit
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import CheckError, InputError
+from pfaffian.runtime.code.generated_model import GeneratedModel
 from pfaffian.runtime.twin.recording import Fingerprint, Flight, Recorder, Wanted, own_signal
 from pfaffian.runtime.twin.rig import Rigs, plant_model
 from pfaffian.runtime.twin.schedule import Schedule
 from pfaffian.runtime.twin.sensors import Sensors
 from pfaffian.runtime.twin.settings import Fault, TwinScenario
 from pfaffian.runtime.twin.statistics import Observer
+from pfaffian.runtime.twin.unit import Command, ControlUnit, FlippableUnit
 
-Array = np.ndarray[Any, Any]
 Progress = Callable[[int, int], None]
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from pfaffian.runtime.documents import suggestion
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.generated_model import GeneratedModel, fill_records
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.toml import suggestion
+from pfaffian.runtime.code.generated_model import GeneratedModel, fill_records
 from pfaffian.runtime.twin.settings import TwinScenario
 
-Array = np.ndarray[Any, Any]
 _TINY = 1e-9
 
 

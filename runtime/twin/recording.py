@@ -6,17 +6,16 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-from pfaffian.runtime.documents import suggestion
-from pfaffian.runtime.errors import InputError
-from pfaffian.runtime.given_names import given_away
-from pfaffian.runtime.twin.control import Command, Reading
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import InputError
+from pfaffian.runtime.base.given_names import given_away
+from pfaffian.runtime.base.toml import suggestion
 from pfaffian.runtime.twin.settings import TwinScenario
 from pfaffian.runtime.twin.statistics import Statistics
+from pfaffian.runtime.twin.unit import BALANCE, Command, Reading
 
-Array = np.ndarray[Any, Any]
 _BLOCK = 64
 
 
@@ -191,3 +190,10 @@ def differing_bits(one: Flight, other: Flight) -> int:
         changed = mine.view(width) ^ other.signals[name].astype(mine.dtype).view(width)
         total += int(np.bitwise_count(changed).sum())
     return total
+
+
+def entered_at(flight: Flight) -> int:
+    """Return the index from which BALANCE lasted to the end, or -1."""
+    other = np.flatnonzero(flight.signals["mode"][:, 0] != BALANCE)
+    first = int(other[-1]) + 1 if len(other) else 0
+    return first if first < len(flight.time) else -1

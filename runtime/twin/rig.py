@@ -9,18 +9,18 @@ from functools import partial
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pfaffian.runtime.errors import CheckError, InputError
-from pfaffian.runtime.generated_model import GeneratedFolder, GeneratedModel, fill_records
-from pfaffian.runtime.machine import HostMachine
-from pfaffian.runtime.toolchain import compile_image, harness_sources, host_target
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import CheckError, InputError
+from pfaffian.runtime.code.generated_model import GeneratedFolder, GeneratedModel, fill_records
+from pfaffian.runtime.machine.compile import compile_image
+from pfaffian.runtime.machine.host import HostMachine
+from pfaffian.runtime.machine.sources import harness_sources
+from pfaffian.runtime.machine.toolchain import host_target
 from pfaffian.runtime.twin.draws import Purpose, uniform
 from pfaffian.runtime.twin.places import Place, place_of, response
 from pfaffian.runtime.twin.settings import Drive, TwinScenario
-
-Array = np.ndarray[Any, Any]
 
 _DRIVE = np.dtype(
     [

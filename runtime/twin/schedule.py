@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from pfaffian.runtime.errors import InputError
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.base.errors import InputError
 from pfaffian.runtime.twin.draws import Purpose, streams, whole
 from pfaffian.runtime.twin.settings import Fault, TwinScenario
 
-Array = np.ndarray[Any, Any]
 _MOST_SUBSTEPS = 2**31 - 1
 
 

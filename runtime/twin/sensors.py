@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from pfaffian.runtime.twin.control import COMMANDS, Reading
+from pfaffian.runtime.base.arrays import Array
 from pfaffian.runtime.twin.draws import Blocks, Purpose, uniform, whole
 from pfaffian.runtime.twin.schedule import window
 from pfaffian.runtime.twin.settings import Channel, Fault, TwinScenario
-
-Array = np.ndarray[Any, Any]
+from pfaffian.runtime.twin.unit import COMMANDS, Reading
 
 
 class Sensors:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from pfaffian.runtime.scenario import Scenario
-from pfaffian.runtime.sensing import Encoder
+from pfaffian.runtime.code.sensing import Encoder
+from pfaffian.runtime.flight.scenario import Scenario
 
 #: Shapes of a disturbance. A step lasts to the end, a pulse to `end`.
 SHAPES = ("constant", "sine", "step", "pulse")

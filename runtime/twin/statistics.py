@@ -8,11 +8,11 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from pfaffian.runtime.twin.control import BALANCE, Command
+from pfaffian.runtime.base.arrays import Array
+from pfaffian.runtime.twin.angles import turns, wrapped
 from pfaffian.runtime.twin.settings import TwinScenario
-from pfaffian.runtime.twin.units import turns, wrapped
+from pfaffian.runtime.twin.unit import BALANCE, Command
 
-Array = np.ndarray[Any, Any]
 #: Largest error [SI] at which a rig counts as captured, where the scenario names none.
 DEFAULT_TOLERANCE = 0.2
 #: MAE2 looks at the last two seconds.

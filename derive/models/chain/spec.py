@@ -7,10 +7,8 @@ library's chain has three links; `chain_model` writes down any other number.
 from __future__ import annotations
 
 import sympy as sp
-from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.chain import chain
-from pfaffian.derive.law_parameters import LABORATORY
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.authoring import LABORATORY, ModelBuilder, ModelSpec
+from pfaffian.derive.mechanics.chain import chain
 
 LINKS = 3
 

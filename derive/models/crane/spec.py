@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sympy as sp
-from pfaffian.derive.authoring import ModelBuilder
-from pfaffian.derive.law_parameters import LABORATORY
-from pfaffian.derive.spec import ModelSpec
+from pfaffian.derive.authoring import LABORATORY, ModelBuilder, ModelSpec
 
 
 def model() -> ModelSpec:

@@ -10,17 +10,18 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import sympy as sp
-from pfaffian.derive.law_parameters import SwingUpGains, swing_up_parameters
-from pfaffian.derive.parameters import Parameter
-from pfaffian.derive.spec import (
+from pfaffian.derive.authoring import (
     Actuator,
     Coordinate,
     Matrix,
     ModelSpec,
+    Parameter,
     ServoConstraint,
     StabilityCondition,
+    SwingUpGains,
     standard_law,
     standard_swing_up,
+    swing_up_parameters,
     symbols_of,
 )
 

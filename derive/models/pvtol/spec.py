@@ -7,12 +7,12 @@ sideways by the factor `coupling`, which makes the horizontal motion non-minimum
 from __future__ import annotations
 
 import sympy as sp
-from pfaffian.derive.parameters import Parameter
-from pfaffian.derive.spec import (
+from pfaffian.derive.authoring import (
     Actuator,
     Coordinate,
     Matrix,
     ModelSpec,
+    Parameter,
     ServoConstraint,
     standard_law,
     symbols_of,

@@ -1,0 +1,1 @@
+"""Commands about code: generate, verify, build."""

@@ -1,0 +1,1 @@
+"""Commands that fly: simulate, pil, campaign, run."""

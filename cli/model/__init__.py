@@ -1,0 +1,1 @@
+"""Commands about a model: what is known, derived, designed, planned and certified."""

@@ -1,0 +1,1 @@
+"""The derivation: every block of a specification, and its documents."""

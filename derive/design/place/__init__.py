@@ -1,0 +1,1 @@
+"""Placing the zero dynamics: the methods."""

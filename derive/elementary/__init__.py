@@ -1,0 +1,1 @@
+"""Elementary functions: coefficients, tables, and proofs of every rounding."""

@@ -1,0 +1,1 @@
+"""The files of a generation: one family of files a module."""

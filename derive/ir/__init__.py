@@ -1,0 +1,1 @@
+"""The intermediate representation: programs, their evaluation in any arithmetic, shared names."""

@@ -1,0 +1,1 @@
+"""The control laws: sampled, continuous, along a reference, and the swing-up."""

@@ -1,0 +1,1 @@
+"""Lowering: symbolic blocks become programs, and programs their derivatives."""

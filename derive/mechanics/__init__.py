@@ -1,0 +1,1 @@
+"""Mechanics: dynamics, servo-constraint, linearisation and zero dynamics of a model."""

@@ -1,1 +1,0 @@
-"""The parts of the reproduction that need the derivation: a second formulation, the certificate."""

@@ -1,0 +1,1 @@
+"""Parameter, controller and plan files: read, completed, judged."""

@@ -1,0 +1,1 @@
+"""Symbolic blocks: named definitions, their units, forms and functions."""

@@ -1,0 +1,1 @@
+"""The experiment of the paper's section 6, on the twin."""

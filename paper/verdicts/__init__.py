@@ -1,0 +1,1 @@
+"""What the simulations say of the paper: figures, tables, claims and verdicts of section 5."""

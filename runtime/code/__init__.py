@@ -1,0 +1,1 @@
+"""Generated code behind Python objects: models, controllers, batches, firmware."""

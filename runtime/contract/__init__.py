@@ -1,0 +1,1 @@
+"""The contract between generated code and whoever runs it: manifest and memory layouts."""

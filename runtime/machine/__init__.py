@@ -1,0 +1,1 @@
+"""Machines and compilers: the host, emulated targets, and what builds for them."""

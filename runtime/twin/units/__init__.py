@@ -1,0 +1,1 @@
+"""The control units that fly on the twin."""
