@@ -1,14 +1,18 @@
-"""`pfaffian generate` and `pfaffian build`."""
+"""`pfaffian generate`."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pfaffian.cli import output
 from pfaffian.derive.generate_model import Extras as Extras
 from pfaffian.runtime.base.errors import InputError
+
+if TYPE_CHECKING:
+    from pfaffian.derive.pipeline import StageClock
 
 
 def generate_files(
@@ -48,32 +52,32 @@ def generate_files(
     since = time.perf_counter()
     changed = write_generation(generation, target)
     clock.record("write", since)
-    if as_json:
-        output.emit_json(
-            {
-                "model": model.name,
-                "precision": precision.name,
-                "folder": str(target),
-                "model_sha256": model.sha256,
-                "sets": [s.name for s in sets],
-                "sets_left_out": dict(made.left_out),
-                "notes": [n for s in sets for n in s.notes],
-                "files": len(generation.files),
-                "changed": changed,
-                "passes": [asdict(p) for p in model.passes],
-                "seconds": {k: round(v, 4) for k, v in clock.seconds.items()},
-            }
-        )
-        return
+    document = {
+        "model": model.name,
+        "precision": precision.name,
+        "folder": str(target),
+        "model_sha256": model.sha256,
+        "sets": [s.name for s in sets],
+        "sets_left_out": dict(made.left_out),
+        "notes": [n for s in sets for n in s.notes],
+        "files": len(generation.files),
+        "changed": changed,
+        "passes": [asdict(p) for p in model.passes],
+        "seconds": {k: round(v, 4) for k, v in clock.seconds.items()},
+    }
+    output.deliver(document, as_json, lambda: _say_what_was_written(document, clock))
+
+
+def _say_what_was_written(document: dict[str, Any], clock: StageClock) -> None:
     split = ", ".join(f"{k} {v:.3f} s" for k, v in clock.seconds.items())
-    names = ", ".join(s.name for s in sets) or "no complete set"
+    names = ", ".join(document["sets"]) or "no complete set"
     output.say(
-        f"{model.name} ({names}): {len(generation.files)} files in {target}, {len(changed)} "
-        f"changed ({split})",
+        f"{document['model']} ({names}): {document['files']} files in {document['folder']}, "
+        f"{len(document['changed'])} changed ({split})",
     )
-    counts = [p for p in model.passes if p.program == "step"]
-    saved = ", ".join(f"{p.name} {p.after}" for p in counts)
-    output.say(f"operations a step: {counts[0].before}; after {saved}")
+    counts = [p for p in document["passes"] if p["program"] == "step"]
+    saved = ", ".join(f"{p['name']} {p['after']}" for p in counts)
+    output.say(f"operations a step: {counts[0]['before']}; after {saved}")
 
 
 def _report_drift(difference: str, target: Path, name: str, as_json: bool) -> None:
