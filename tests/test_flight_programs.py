@@ -264,7 +264,9 @@ def test_the_faults_are_those_of_the_header():
 @pytest.mark.parametrize("how", [pytest.param("bare", marks=needs_bare)])
 def test_bare_metal_meets_every_period_and_repeats_to_the_tick(how):
     (one, first), (other, second) = fly_bare(SHORT), fly_bare(SHORT)
-    assert first == second
+    # How late the emulator's own timer fires may differ, on a busy host: seen 9 and 19 ticks.
+    assert replace(first, late_ticks=0) == replace(second, late_ticks=0)
+    assert max(first.late_ticks, second.late_ticks) < 50
     assert one.sha256() == other.sha256()
     assert first.periods == SHORT.steps
     assert first.period_ticks == 33333
