@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import os
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -27,16 +29,23 @@ def compile_image(
     """
     folders = (include, *also)
     headers = sorted(p for f in folders for p in (*f.glob("*.h"), *f.glob("*.ld")))
-    version = subprocess.run(
-        [*target.command, "--version"], capture_output=True, check=False, timeout=120
-    ).stdout
     key = digest(
-        version,  # and the words: `gcc -m32` calls itself what `gcc` does
+        _version(
+            target.command, os.environ.get("PATH", "")
+        ),  # and the words: `gcc -m32` calls itself what `gcc` does
         repr((*astuple(target), COMMON_FLAGS, tuple(extra))).encode(),
         b"absolute paths",  # images of relative ones may hold another folder's headers
         *(p.name.encode() + p.read_bytes() for p in (*sources, *headers)),
     )
     return cached(f"image-{target.name}", key, lambda: _compile(target, sources, folders, extra))
+
+
+@functools.cache
+def _version(command: tuple[str, ...], _: str) -> bytes:
+    """Return what a compiler says of itself, asked once a process for each search path."""
+    return subprocess.run(
+        [*command, "--version"], capture_output=True, check=False, timeout=120
+    ).stdout
 
 
 def _compile(
